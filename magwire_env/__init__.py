@@ -1,0 +1,44 @@
+"""magwire_env: steering a magnetically actuated guidewire, as a Gymnasium environment.
+
+Importing it registers the environment ids and loads nothing heavy; `Scenario` and `Simulator` load on first use.
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+
+if TYPE_CHECKING:
+    from .scenario import Scenario
+    from .simulation import Simulator
+
+__all__ = ["Scenario", "Simulator"]
+
+try:
+    __version__ = version("magwire-env")
+except PackageNotFoundError:  # a source tree on the path, not installed
+    __version__ = "0+source"
+
+TASK_IDS = ("MagWire/Steer-v0",)
+
+for _id in TASK_IDS:
+    gym.register(
+        id=_id,
+        entry_point="magwire_env.envs.env:MagWireEnv",
+        vector_entry_point="magwire_env.envs.vector_env:MagWireVectorEnv",
+        kwargs={"task": _id},
+    )
+
+
+def __getattr__(name: str) -> Any:
+    if name == "Scenario":
+        from .scenario import Scenario
+
+        return Scenario
+    if name == "Simulator":
+        from .simulation import Simulator
+
+        return Simulator
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,192 @@
+"""The steering task over a batch of lanes: what both faces, the single env and the native batch, are made of."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..physics.checks import one_of, positive
+from ..scenario import Scenario
+from ..simulation import Simulator
+from .action import Actuation
+from .observation import DEFAULT, Observer
+from .task import TASKS, RewardWeights, Task
+
+__all__ = ["OPTIONS", "SteeringCore"]
+
+OPTIONS = ("tip_arclength", "target", "magnet_angle")
+"""What `reset(options=…)` takes: m, m, and rad (for slides m), each one number or one a lane."""
+
+
+class SteeringCore:
+    """Lanes, goals, rewards and ends; no autoreset and no random source of its own. See `MagWireEnv` for arguments."""
+
+    def __init__(
+        self,
+        task: str | Task,
+        num_envs: int = 1,
+        scenario: Scenario | str | Path | Sequence[Scenario] | None = None,
+        coupling: str | None = None,
+        action_mode: str = "angle",
+        observe: Sequence[str] = DEFAULT,
+        reward: str | RewardWeights = "dense",
+        time_limit: float | None = None,
+        threads: int | None = None,
+    ) -> None:
+        self.task = task if isinstance(task, Task) else TASKS[one_of("task", task, tuple(TASKS))]
+        scenarios = _scenarios(self.task, scenario, coupling)
+        for i, sc in enumerate(scenarios):
+            first, last = sc.wire.length - self.task.start_spread, sc.tract.length - self.task.goal_margin
+            if not 0 <= first or sc.wire.length + self.task.start_spread >= last:
+                raise ValueError(
+                    f"scenario[{i}].wire.length must leave a way between the start and the goal at {last:.3g} m, "
+                    f"got {sc.wire.length:g} m of wire"
+                )
+        if isinstance(reward, str):
+            one_of("reward", reward, ("dense", "sparse"))
+        elif not isinstance(reward, RewardWeights):
+            raise ValueError(f"reward must be 'dense', 'sparse' or RewardWeights, got {reward!r}")
+        self.sparse = reward == "sparse"
+        self.weights = reward if isinstance(reward, RewardWeights) else RewardWeights()
+        self.sim = Simulator(scenarios if len(scenarios) > 1 else scenarios[0], num_envs, threads)
+        self.actuation = Actuation(self.sim, action_mode)
+        self.observer = Observer(self.sim, observe)
+        self.time_limit = positive("time_limit", self.task.time_limit if time_limit is None else time_limit, "s")
+        self.step_limit = max(1, round(self.time_limit / self.sim.control_period))
+        n = self.sim.num_envs
+        self.goal, self._start_distance, self._distance = np.zeros(n), np.ones(n), np.zeros(n)
+        self._limit = np.array([sc.contact.wall_force_limit for sc in self.sim.library.scenarios])
+        self.steps = np.zeros(n, dtype=np.int64)
+        self._peak_wall, self._peak_lateral, self._sum_wall, self._travel = np.zeros((4, n))
+
+    def begin(self, lanes: np.ndarray, rngs: Sequence[np.random.Generator], options: dict[str, Any] | None) -> None:
+        """Start episodes in `lanes`, each drawing from its own generator; nothing changes if an option is bad."""
+        lanes = np.asarray(lanes, dtype=np.int64)
+        library, entries = self.sim.library, self.sim.lane_scenario[lanes]
+        spread = self.task.start_spread
+        drawn = np.array([rng.uniform(-1.0, 1.0, 1 + self.sim.dof) for rng in rngs]).reshape(len(lanes), -1)
+        tip = library.wire_length[entries] + spread * drawn[:, 0]
+        goal = library.tract_length[entries] - self.task.goal_margin
+        low, high = library.dofs[entries, :, 1], library.dofs[entries, :, 2]
+        magnet = low + 0.5 * (drawn[:, 1:] + 1) * (high - low)
+        tip, goal, magnet = self._overridden(options or {}, lanes, tip, goal, magnet)
+        self.sim.reset(tip, magnet, lanes)
+        self.goal[lanes] = goal
+        self._distance[lanes] = self._start_distance[lanes] = goal - tip
+        self.steps[lanes] = 0
+        for total in (self._peak_wall, self._peak_lateral, self._sum_wall, self._travel):
+            total[lanes] = 0.0
+
+    def _overridden(
+        self, options: dict[str, Any], lanes: np.ndarray, tip: np.ndarray, goal: np.ndarray, magnet: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        if unknown := set(options) - set(OPTIONS):
+            raise ValueError(f"options must be of {', '.join(OPTIONS)}; got {min(unknown)!r}")
+        length = self.sim.library.tract_length[self.sim.lane_scenario[lanes]]
+        n = self.sim.num_envs
+        if "target" in options:
+            goal = _per_lane("target", options["target"], n, (), "m")[lanes]
+            if (goal <= 0).any() or (goal > length).any():
+                raise ValueError(
+                    f"options['target'] must lie in (0, {length.min():.4g}] (in m), got {options['target']!r}"
+                )
+        if "tip_arclength" in options:
+            tip = _per_lane("tip_arclength", options["tip_arclength"], n, (), "m")[lanes]
+        if (tip < 0).any() or (tip >= goal).any():
+            raise ValueError(
+                f"options['tip_arclength'] must lie in [0, target) with the target at {goal.min():.4g} (in m), got {tip.tolist()}"
+            )
+        if "magnet_angle" in options:
+            magnet = _per_lane(
+                "magnet_angle", options["magnet_angle"], n, (self.sim.dof,), "rad for turns, m for slides"
+            )[lanes]
+        return tip, goal, magnet
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+        """One control period: action (n, size) → reward, terminated, truncated, info, every value an (n,) array."""
+        sim, weights = self.sim, self.weights
+        command = self.actuation.command(action)
+        magnet = sim.magnet
+        sim.step(command)
+        self.steps += 1
+        trace = sim.tip_trace
+        success = trace.max(axis=1) >= self.goal
+        wall, peak = sim.mean_wall_force, sim.peak_wall_force
+        self._travel += np.abs(sim.magnet - magnet).sum(axis=1)
+        self._sum_wall += wall
+        np.maximum(self._peak_wall, peak, out=self._peak_wall)
+        np.maximum(self._peak_lateral, sim.peak_lateral_force, out=self._peak_lateral)
+        distance = np.where(success, 0.0, sim.distance_to(self.goal))
+        terminated = success | (trace[:, -1] < 0.0)
+        truncated = ~terminated & (self.steps >= self.step_limit)
+        cost = np.maximum(peak - self._limit[sim.lane_scenario], 0.0)
+        terms = {"reward/success": success * (1.0 if self.sparse else weights.success)}
+        if not self.sparse:
+            terms["reward/progress"] = weights.progress * (self._distance - distance) / self._start_distance
+            terms["reward/time"] = np.full(len(success), -weights.time)
+            terms["reward/wall"] = -weights.wall * cost
+        self._distance = distance
+        info = {
+            "is_success": success,
+            "cost": cost,
+            "wall_force": wall,
+            "path_ratio": 1.0 - distance / self._start_distance,
+            **terms,
+        }
+        return np.sum(list(terms.values()), axis=0), terminated, truncated, info
+
+    def summary(self, lanes: np.ndarray) -> dict[str, np.ndarray]:
+        """Of the episodes just ended in `lanes`: steps, time (s, to the goal's crossing within the step), forces, travel."""
+        period, trace = self.sim.control_period, self.sim.tip_trace[lanes]
+        goal = self.goal[lanes]
+        passed = trace >= goal[:, None]
+        k = np.maximum(passed.argmax(axis=1), 1)
+        rows = np.arange(len(k))
+        before, after = trace[rows, k - 1], trace[rows, k]
+        share = np.where(after > before, (goal - before) / np.where(after > before, after - before, 1.0), 1.0)
+        within = (k - 1 + np.clip(share, 0.0, 1.0)) / (trace.shape[1] - 1)
+        steps = self.steps[lanes]
+        return {
+            "steps": steps.copy(),
+            "time": np.where(passed.any(axis=1), steps - 1 + within, steps) * period,
+            "peak_wall_force": self._peak_wall[lanes],
+            "mean_wall_force": self._sum_wall[lanes] / steps,
+            "peak_lateral_force": self._peak_lateral[lanes],
+            "magnet_travel": self._travel[lanes],
+        }
+
+    def observe(self) -> np.ndarray:
+        """(n, size) float32."""
+        return self.observer.read(self.goal)
+
+
+def _scenarios(task: Task, given: Any, coupling: str | None) -> list[Scenario]:
+    if given is None:
+        given = task.scenario()
+    elif isinstance(given, (str, Path)):
+        given = Scenario.load(given)
+    scenarios = [given] if isinstance(given, Scenario) else list(given)
+    for sc in scenarios:
+        if not isinstance(sc, Scenario):
+            raise ValueError(
+                f"scenario must be a Scenario, a TOML file, a shipped name, or a sequence of scenarios, got {sc!r}"
+            )
+    return scenarios if coupling is None else [dataclasses.replace(sc, coupling=coupling) for sc in scenarios]
+
+
+def _per_lane(name: str, value: Any, n: int, shape: tuple[int, ...], unit: str) -> np.ndarray:
+    """One value for all lanes or one a lane → (n, *shape)."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+        if shape and array.shape == (n,) and shape == (1,):
+            array = array[:, None]
+        array = np.broadcast_to(array, (n, *shape))
+    except (TypeError, ValueError):
+        raise ValueError(f"options[{name!r}] must be one number or {n} of them (in {unit}), got {value!r}") from None
+    if not np.isfinite(array).all():
+        raise ValueError(f"options[{name!r}] must be finite (in {unit}), got {value!r}")
+    return array

@@ -1,0 +1,125 @@
+"""The single env: the batch core with one lane."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+
+from ..scenario import Scenario
+from ..simulation import Simulator
+from .core import SteeringCore
+from .observation import DEFAULT
+from .task import RewardWeights, Task
+
+__all__ = ["MagWireEnv"]
+
+
+class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
+    """Steer a magnetically actuated guidewire along a tract.
+
+    ## Description
+    An external permanent magnet turns about the y axis; it pulls the magnet at the tip of a soft wire along a winding
+    tract (the paper's Sections III-C and IV). The wire is locked to the tract's centreline. The task `Steer-v0` is to
+    bring the tip from just inside the tract to its end, as fast as possible and without pressing on the wall.
+
+    ## Observation Space
+    `Box(float32)`, by default these numbers; other channels by name with `observe=`, see
+    `magwire_env.envs.observation.CHANNELS`.
+
+    | Num | Observation | Min | Max | Unit |
+    |-----|-------------|-----|-----|------|
+    | 0 | tip arc length / tract length | -2 | 2 | 1 |
+    | 1 | tip speed along the tract / 0.1 m/s | -10 | 10 | 1 |
+    | 2 | drive along the tract / 10 mN | -10 | 10 | 1 |
+    | 3 | magnetic force across the tract / 10 mN | -10 | 10 | 1 |
+    | 4 | sin of the magnet's angle from home | -1 | 1 | 1 |
+    | 5 | cos of the magnet's angle from home | -1 | 1 | 1 |
+    | 6 | way left to the goal / tract length | -2 | 2 | 1 |
+
+    ## Action Space
+    `Box(-1, 1, (1,), float32)`: the angle to hold, ±1 ↔ home ± π rad. A servo turns the magnet there the short way
+    round at π rad/s at most. Numbers beyond ±1 are clipped, NaN is refused. `action_mode="rate"` commands the turn
+    instead, `"direction"` takes the angle's (cos, sin).
+
+    ## Dynamics
+    Algorithm 1 of the paper, see `magwire_env.simulation.algorithm1`: 0.1 s a control step.
+
+    ## Reward
+    ``reward/progress`` 10 × the share of the way covered, ``reward/success`` 10 on reaching the goal, ``reward/time``
+    −0.1 a step, ``reward/wall`` −0.5 × newtons of wall force above the scenario's limit; every term is in `info`, the
+    weights are arguments (`reward=RewardWeights(…)`). `reward="sparse"` is 1 on success and 0 otherwise.
+
+    ## Starting State
+    Tip at the wire's length ± 20 mm (0.10 m in the paper's scenario), magnet angle uniform over the circle, at rest.
+    `reset(options=…)` sets `tip_arclength` (m), `target` (m), `magnet_angle` (rad; one entry a degree of freedom).
+
+    ## Episode End
+    Terminated when the tip passes the goal, 10 mm before the tract's end (`is_success`), or leaves the tract
+    backwards. Truncated after 30 s (`time_limit`, s).
+
+    ## Info
+    Every step: `is_success`, `cost` (N, peak wall force above its limit), `wall_force` (N, mean over the step),
+    `path_ratio` (share of the way from start to goal covered), and the reward's terms. At the end `summary`: `steps`,
+    `time` (s; to the goal's crossing, interpolated inside the step), `peak_wall_force`, `mean_wall_force`,
+    `peak_lateral_force` (N), `magnet_travel` (rad and m summed).
+
+    ## Arguments
+    scenario : `Scenario`, a TOML file or a shipped name; by default the task's
+    coupling : "force" or "wrench", in place of the scenario's
+    action_mode : "angle", "rate" or "direction"
+    observe : names of observation channels
+    reward : "dense", "sparse" or `RewardWeights`
+    time_limit : s
+
+    ## Version History
+    * v0: first
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "render_fps": 10}
+
+    def __init__(
+        self,
+        task: str | Task = "MagWire/Steer-v0",
+        scenario: Scenario | str | Path | None = None,
+        coupling: str | None = None,
+        action_mode: str = "angle",
+        observe: Sequence[str] = DEFAULT,
+        reward: str | RewardWeights = "dense",
+        time_limit: float | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}")
+        self.core = SteeringCore(task, 1, scenario, coupling, action_mode, observe, reward, time_limit, threads=1)
+        self.observation_space = self.core.observer.space
+        self.action_space = self.core.actuation.space
+        self.render_mode = render_mode
+        self._running = False
+
+    @property
+    def simulator(self) -> Simulator:
+        """The simulator, one lane."""
+        return self.core.sim
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start an episode; see Starting State for `options`."""
+        super().reset(seed=seed)
+        self.core.begin(np.zeros(1, dtype=np.int64), [self.np_random], options)
+        self._running = True
+        return self.core.observe()[0], {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """One control period. Raises `ValueError` for NaN or a wrong shape, before anything moves."""
+        if not self._running:
+            raise gym.error.ResetNeeded("reset() must be called before step()")
+        reward, terminated, truncated, batch = self.core.step(np.asarray(action)[None])
+        info: dict[str, Any] = {key: value[0].item() for key, value in batch.items()}
+        if terminated[0] or truncated[0]:
+            info["summary"] = {k: v[0].item() for k, v in self.core.summary(np.zeros(1, dtype=np.int64)).items()}
+        return self.core.observe()[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info

@@ -1,0 +1,172 @@
+"""The native batch: the core's lanes as a Gymnasium vector env, with autoreset."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from ..physics.checks import one_of
+from ..scenario import Scenario
+from ..simulation import Simulator
+from .core import SteeringCore
+from .observation import DEFAULT
+from .task import RewardWeights, Task
+
+__all__ = ["MagWireVectorEnv"]
+
+
+class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """`MagWireEnv` over many lanes at once; lane i of a batch seeded s is the single env seeded s + i.
+
+    num_envs : number of lanes
+    autoreset_mode : ``AutoresetMode.NEXT_STEP`` (default), ``SAME_STEP`` or ``DISABLED`` (with
+        ``options["reset_mask"]``), as Gymnasium's vector API defines them
+    scenario : also a sequence of `num_envs` scenarios, one a lane
+    threads : threads a step may use; by default all cores for large batches
+
+    Other arguments, observation, action, reward and info as `MagWireEnv`'s. In SAME_STEP mode
+    `final_observation` holds the last step's observations before any reset, dense, (num_envs, size).
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        task: str | Task = "MagWire/Steer-v0",
+        scenario: Scenario | str | Path | Sequence[Scenario] | None = None,
+        coupling: str | None = None,
+        action_mode: str = "angle",
+        observe: Sequence[str] = DEFAULT,
+        reward: str | RewardWeights = "dense",
+        time_limit: float | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        threads: int | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode is not None:
+            raise ValueError(f"render_mode must be None for a batch, got {render_mode!r}")
+        if not isinstance(autoreset_mode, AutoresetMode):
+            autoreset_mode = AutoresetMode(one_of("autoreset_mode", autoreset_mode, [m.value for m in AutoresetMode]))
+        self.autoreset_mode = autoreset_mode
+        self.metadata = {"render_modes": [], "render_fps": 10, "autoreset_mode": autoreset_mode}
+        self.core = SteeringCore(task, num_envs, scenario, coupling, action_mode, observe, reward, time_limit, threads)
+        self.num_envs = num_envs
+        self.single_observation_space = self.core.observer.space
+        self.single_action_space = self.core.actuation.space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.render_mode = render_mode
+        self._rngs: list[np.random.Generator | None] = [None] * num_envs
+        self._ended = np.ones(num_envs, dtype=np.bool_)
+        self._started = False
+        self.final_observation: np.ndarray | None = None
+
+    @property
+    def simulator(self) -> Simulator:
+        """The simulator of all lanes."""
+        return self.core.sim
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start episodes, in the lanes of ``options["reset_mask"]`` or in all."""
+        options = dict(options or {})
+        lanes = np.arange(self.num_envs)
+        if "reset_mask" in options:
+            lanes = np.flatnonzero(self._mask(options.pop("reset_mask")))
+        if seed is not None:
+            self._seed(
+                [seed + i for i in range(self.num_envs)] if isinstance(seed, (int, np.integer)) else list(seed), lanes
+            )
+        self._begin(lanes, options)
+        self._started = True
+        return self.core.observe(), {}
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """One control period of every lane. Raises `ValueError` for NaN or a wrong shape, before anything moves."""
+        if not self._started:
+            raise gym.error.ResetNeeded("reset() must be called before step()")
+        if self.autoreset_mode == AutoresetMode.DISABLED and self._ended.any():
+            raise gym.error.ResetNeeded(
+                f"lane {int(np.flatnonzero(self._ended)[0])} has ended: reset it with options={{'reset_mask': …}} first"
+            )
+        again = np.flatnonzero(self._ended) if self.autoreset_mode == AutoresetMode.NEXT_STEP else ()
+        reward, terminated, truncated, info = self.core.step(actions)
+        if len(again):
+            reward[again] = 0.0
+            terminated[again] = truncated[again] = False
+        self._ended = terminated | truncated
+        done = np.flatnonzero(self._ended)
+        spoken = np.ones(self.num_envs, dtype=np.bool_)
+        spoken[list(again)] = False
+        infos = _masked(info, spoken)
+        if len(done):
+            summary = {k: _spread(v, done, self.num_envs) for k, v in self.core.summary(done).items()}
+            infos["summary"], infos["_summary"] = _masked(summary, self._ended), self._ended.copy()
+        if len(again):
+            self._begin(again, {})
+        observation = self.core.observe()
+        if self.autoreset_mode == AutoresetMode.SAME_STEP:
+            self.final_observation = observation
+            if len(done):
+                infos = self._same_step(done, observation, infos, info)
+                self._begin(done, {})
+                observation = self.core.observe()
+        return observation, reward, terminated, truncated, infos
+
+    def _same_step(self, done: np.ndarray, observation: np.ndarray, infos: dict, info: dict) -> dict[str, Any]:
+        """The ended lanes' observation and info move to `final_obs` and `final_info`, as in Gymnasium's own batches."""
+        ended = self._ended.copy()
+        final = np.full(self.num_envs, None, dtype=object)
+        for lane in done:
+            final[lane] = observation[lane]
+        final_info = _masked(info, ended)
+        final_info["summary"], final_info["_summary"] = infos["summary"], infos["_summary"]
+        kept = _masked(info, ~ended) if not ended.all() else {}
+        return kept | {"final_obs": final, "_final_obs": ended, "final_info": final_info, "_final_info": ended}
+
+    def _begin(self, lanes: np.ndarray, options: dict[str, Any]) -> None:
+        rngs = []
+        for lane in lanes:
+            if self._rngs[lane] is None:
+                self._rngs[lane] = seeding.np_random(None)[0]
+            rngs.append(self._rngs[lane])
+        self.core.begin(lanes, rngs, options)
+        self._ended[lanes] = False
+
+    def _seed(self, seeds: list[int | None], lanes: np.ndarray) -> None:
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed must be one number or {self.num_envs} (num_envs) of them, got {len(seeds)}")
+        for lane in lanes:
+            self._rngs[lane] = seeding.np_random(seeds[lane])[0]
+
+    def _mask(self, mask: Any) -> np.ndarray:
+        if (
+            not isinstance(mask, np.ndarray)
+            or mask.shape != (self.num_envs,)
+            or mask.dtype != np.bool_
+            or not mask.any()
+        ):
+            raise ValueError(
+                f"options['reset_mask'] must be a boolean array of shape ({self.num_envs},) with at least one True, got {mask!r}"
+            )
+        return mask
+
+
+def _masked(values: dict[str, np.ndarray], mask: np.ndarray) -> dict[str, Any]:
+    """Gymnasium's form: beside every array `key` the mask `_key` of the lanes that have it."""
+    infos: dict[str, Any] = dict(values)
+    infos.update({f"_{key}": mask for key in values})
+    return infos
+
+
+def _spread(values: np.ndarray, lanes: np.ndarray, n: int) -> np.ndarray:
+    out = np.zeros(n, dtype=values.dtype)
+    out[lanes] = values
+    return out

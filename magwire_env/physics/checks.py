@@ -1,0 +1,82 @@
+"""Refusing bad input: every error names the parameter, its value and what is allowed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+__all__ = ["finite", "in_range", "non_negative", "one_of", "points_array", "positive", "vector"]
+
+
+def finite(name: str, value: Any, unit: str = "") -> float:
+    """Return `value` as a finite float or raise `ValueError` naming it."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be a number{_in(unit)}, got {value!r}") from None
+    if not math.isfinite(number):
+        raise ValueError(f"{name} must be finite{_in(unit)}, got {value!r}")
+    return number
+
+
+def positive(name: str, value: Any, unit: str = "") -> float:
+    """Return `value` as a float > 0 or raise `ValueError` naming it."""
+    number = finite(name, value, unit)
+    if number <= 0:
+        raise ValueError(f"{name} must be greater than 0{_in(unit)}, got {value!r}")
+    return number
+
+
+def non_negative(name: str, value: Any, unit: str = "") -> float:
+    """Return `value` as a float >= 0 or raise `ValueError` naming it."""
+    number = finite(name, value, unit)
+    if number < 0:
+        raise ValueError(f"{name} must be at least 0{_in(unit)}, got {value!r}")
+    return number
+
+
+def in_range(name: str, value: Any, low: float, high: float, unit: str = "") -> float:
+    """Return `value` as a float in [low, high] or raise `ValueError` naming it."""
+    number = finite(name, value, unit)
+    if not low <= number <= high:
+        raise ValueError(f"{name} must lie in [{low:g}, {high:g}]{_in(unit)}, got {value!r}")
+    return number
+
+
+def one_of(name: str, value: Any, allowed: Sequence[str]) -> str:
+    """Return `value` if it is one of `allowed` or raise `ValueError` listing them."""
+    if value not in allowed:
+        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
+    return value
+
+
+def vector(name: str, value: Any, length: int = 3, unit: str = "") -> tuple[float, ...]:
+    """Return `value` as a tuple of `length` finite floats or raise `ValueError` naming it."""
+    try:
+        items = tuple(float(x) for x in value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be {length} numbers{_in(unit)}, got {value!r}") from None
+    if len(items) != length or not all(map(math.isfinite, items)):
+        raise ValueError(f"{name} must be {length} finite numbers{_in(unit)}, got {value!r}")
+    return items
+
+
+def points_array(name: str, value: Any, unit: str = "") -> np.ndarray:
+    """Return `value` as a finite float64 array of shape (n, 3) or raise `ValueError` naming it."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be an (n, 3) array{_in(unit)}, got {type(value).__name__}") from None
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"{name} must have shape (n, 3){_in(unit)}, got shape {array.shape}")
+    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    if bad.size:
+        raise ValueError(f"{name}[{bad[0]}] must be finite{_in(unit)}, got {array[bad[0]].tolist()}")
+    return array
+
+
+def _in(unit: str) -> str:
+    return f" (in {unit})" if unit else ""

@@ -1,0 +1,295 @@
+"""Energy of a free chain of springs with a magnet at its tip, with its first and second derivatives.
+
+What `rod.FreeRod` minimises; the model is described there. Everything runs in units of the wire's length L and of
+E·I/L, over segment directions and strains instead of node positions.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from .guidewire import Guidewire
+
+__all__ = ["Chain", "Chart", "Load", "Shape", "Touched"]
+
+_TOUCHES = 6  # a step may overshoot into a magnet and be cut back; this often, the descent ends there
+_NEUTRAL = 2.5e-6  # stiffness, in E·I/L and per segment, below which a mode counts as neutral and not as falling
+
+
+class Shape(NamedTuple):
+    """Segment directions (N, 3), unit vectors, and strains (N,)."""
+
+    directions: np.ndarray
+    strains: np.ndarray
+
+
+class Touched(Exception):
+    """The descent leads into a magnet."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """A load in units of L and E·I/L.
+
+    pull : (N, 3), the dead force each segment carries (tip force, and weight of all that hangs on it)
+    couple : (3,), m B of the uniform field
+    positions, moments : (K, 3), dipoles; a unit moment of theirs has the tip's energy built in
+    """
+
+    pull: np.ndarray
+    couple: np.ndarray
+    positions: np.ndarray
+    moments: np.ndarray
+
+    def towards(self, other: Load, share: float) -> Load:
+        """The load `share` of the way to `other`: dipoles move if the clouds correspond, else fade over."""
+        rest = 1 - share
+        if len(self.moments) == len(other.moments):
+            positions = rest * self.positions + share * other.positions
+            moments = rest * self.moments + share * other.moments
+        else:
+            positions = np.concatenate([self.positions, other.positions])
+            moments = np.concatenate([rest * self.moments, share * other.moments])
+        pull = rest * self.pull + share * other.pull
+        return Load(pull, rest * self.couple + share * other.couple, positions, moments)
+
+    def unloaded(self) -> Load:
+        """The same dipoles in the same place, all strengths zero."""
+        return Load(0 * self.pull, 0 * self.couple, self.positions, 0 * self.moments)
+
+    def distance(self, tip: np.ndarray) -> float:
+        """From the tip to the nearest dipole; 0 inside the hull of the cloud, infinite without one."""
+        if not len(self.positions):
+            return math.inf
+        nearest = float(np.linalg.norm(tip - self.positions, axis=1).min())
+        centre = self.positions.mean(axis=0)
+        offsets = self.positions - centre
+        if np.linalg.norm(tip - centre) > np.linalg.norm(offsets, axis=1).max() or len(offsets) < 4:
+            return nearest
+        if np.linalg.matrix_rank(offsets, tol=1e-9) < 3:
+            return nearest
+        sides = ConvexHull(offsets).equations
+        return 0.0 if (sides[:, :3] @ (tip - centre) + sides[:, 3]).max() < 0 else nearest
+
+
+class Chain:
+    """Energy of the chain over directions and strains, in units of L and E·I/L."""
+
+    def __init__(self, wire: Guidewire, contact: float) -> None:
+        n = wire.segments
+        self.cell = 1 / n
+        self.moment = wire.bending_rigidity / wire.length
+        self.contact = contact / wire.length
+        self.joints = np.full(n, float(n))
+        self.joints[0] *= 2
+        self.joints[-1] *= 2 / 3
+        self.axial = wire.axial_rigidity * wire.segment_length / self.moment
+        self.stretch = math.sqrt(2 * n / self.axial)
+        """Strain of one unit of the chart's third coordinate: as stiff as a rotation against two joints."""
+        self.base = np.array([[1.0, 0.0, 0.0]])
+
+    def tip(self, shape: Shape) -> np.ndarray:
+        return self.cell * (1 + shape.strains) @ shape.directions
+
+    def pull(self, load: Load, shape: Shape) -> np.ndarray:
+        """Force that each segment carries from outside, dead and magnetic, (N, 3)."""
+        if not len(load.moments):
+            return load.pull
+        return load.pull + _dipoles(load, self.tip(shape), shape.directions[-1], self.contact)[1]
+
+    def first(self, load: Load, shape: Shape) -> tuple[float, np.ndarray, np.ndarray]:
+        """Energy and its derivatives by directions (N, 3), as if these were free vectors, and by strains (N,)."""
+        d, strains = shape
+        inner = np.concatenate([self.base, d[:-1]])
+        phi, slope, _ = _angles(inner, d)
+        slope = self.joints * slope
+        on_d = slope[:, None] * inner
+        on_d[:-1] += slope[1:, None] * d[1:]
+        lengths = self.cell * (1 + strains)
+        energy = 0.5 * self.joints @ phi**2 + 0.5 * self.axial * strains @ strains
+        energy -= lengths @ np.einsum("nj,nj->n", load.pull, d) + load.couple @ d[-1]
+        pull, field = load.pull, load.couple
+        if len(load.moments):
+            magnetic, force, b = _dipoles(load, self.tip(shape), d[-1], self.contact)
+            energy -= magnetic
+            pull, field = pull + force, field + b
+        on_d -= lengths[:, None] * pull
+        on_d[-1] -= field
+        on_strains = self.axial * strains - self.cell * np.einsum("nj,nj->n", pull, d)
+        return float(energy), on_d, on_strains
+
+
+class Chart:
+    """Shapes near a given one by 3N numbers: two rotations (u, v) and a scaled stretch w for each segment.
+
+    Stereographic: with n the segment's direction in the middle of the chart, a and b across it, q = (u² + v²)/4,
+    d = ((1 − q) n + u a + v b)/(1 + q), which covers every direction but −n.
+    """
+
+    def __init__(self, chain: Chain, load: Load, shape: Shape) -> None:
+        self.chain, self.load = chain, load
+        self.normal, self.strains = shape
+        self.across = _across(self.normal)
+        self.middle = np.zeros(self.normal.size)
+        self.touches = 0
+
+    def shape(self, p: np.ndarray) -> Shape:
+        uvw = p.reshape(-1, 3)
+        q = np.einsum("ni,ni->n", uvw[:, :2], uvw[:, :2])[:, None] / 4
+        d = ((1 - q) * self.normal + np.einsum("ni,nij->nj", uvw[:, :2], self.across)) / (1 + q)
+        d /= np.linalg.norm(d, axis=1)[:, None]
+        return Shape(d, self.strains + self.chain.stretch * uvw[:, 2])
+
+    def value(self, p: np.ndarray) -> tuple[float, np.ndarray]:
+        """Energy and its gradient (3N,); infinite in contact and where a segment is inside out."""
+        shape = self.shape(p)
+        if shape.strains.min() <= -1:
+            return math.inf, np.zeros_like(p)
+        energy, on_d, on_strains = self.chain.first(self.load, shape)
+        if not math.isfinite(energy):
+            self.touches += 1
+            if self.touches == _TOUCHES:
+                raise Touched
+            return math.inf, np.zeros_like(p)
+        gradient = np.empty((len(on_d), 3))
+        gradient[:, :2] = np.einsum("nij,nj->ni", self._turns(p, shape.directions), on_d)
+        gradient[:, 2] = on_strains * self.chain.stretch
+        return energy, gradient.ravel()
+
+    def residual(self) -> float:
+        """Norm of the gradient in the middle of the chart; infinite in contact."""
+        energy, gradient = self.value(self.middle)
+        return float(np.linalg.norm(gradient)) if math.isfinite(energy) else math.inf
+
+    def _turns(self, p: np.ndarray, d: np.ndarray) -> np.ndarray:
+        """∂d/∂(u, v), (N, 2, 3)."""
+        uv = p.reshape(-1, 3)[:, :2]
+        wide = 1 + np.einsum("ni,ni->n", uv, uv)[:, None, None] / 4
+        return (self.across - uv[:, :, None] / 2 * (self.normal + d)[:, None, :]) / wide
+
+    def hessian(self, p: np.ndarray) -> np.ndarray:
+        """Second derivatives of the energy, (3N, 3N)."""
+        shape, chain = self.shape(p), self.chain
+        d, _ = shape
+        n, uv = len(d), p.reshape(-1, 3)[:, :2]
+        turns = self._turns(p, d)
+        _, on_d, _ = chain.first(self.load, shape)
+        h = np.zeros((n, 3, n, 3))
+        every, inner, outer = np.arange(n), np.arange(n - 1), np.arange(1, n)
+
+        # curvature of the chart: ∂²d/∂u_i∂u_j · ∂U/∂d = −(u_i d_j + u_j d_i + δ_ij (n + d))/2(1 + q) · ∂U/∂d
+        wide = 1 + np.einsum("ni,ni->n", uv, uv)[:, None, None] / 4
+        along = np.einsum("nij,nj->ni", turns, on_d)
+        bent = uv[:, :, None] * along[:, None, :]
+        bent = bent + bent.transpose(0, 2, 1)
+        bent += np.einsum("nj,nj->n", self.normal + d, on_d)[:, None, None] * np.eye(2)
+        blocks = -bent / (2 * wide)
+
+        # joints, energy ψ(c) of the cosine c between neighbours
+        before = np.concatenate([chain.base, d[:-1]])
+        _, slope, curve = _angles(before, d)
+        slope, curve = chain.joints * slope, chain.joints * curve
+        c_out = np.einsum("nij,nj->ni", turns, before)
+        c_in = np.einsum("nij,nj->ni", turns[:-1], d[1:])
+        blocks += curve[:, None, None] * c_out[:, :, None] * c_out[:, None, :]
+        blocks[:-1] += curve[1:, None, None] * c_in[:, :, None] * c_in[:, None, :]
+        mixed = curve[1:, None, None] * c_in[:, :, None] * c_out[1:, None, :]
+        mixed += slope[1:, None, None] * np.einsum("nik,njk->nij", turns[:-1], turns[1:])
+        h[every, :2, every, :2] = blocks
+        h[inner, :2, outer, :2] = mixed
+        h[outer, :2, inner, :2] = mixed.transpose(0, 2, 1)
+
+        self._add_loads(h, shape, turns)
+        return h.reshape(3 * n, 3 * n)
+
+    def damped(self, p: np.ndarray) -> np.ndarray:
+        """The Hessian, lifted by a millionth of the softest bending mode.
+
+        A rod that may turn freely about its axis (a buckled one in an axial field) has a mode of no stiffness at all,
+        which rounding would make a saddle or a wild step.
+        """
+        return self.hessian(p) + _NEUTRAL * self.chain.cell * np.eye(len(p))
+
+    def _add_loads(self, h: np.ndarray, shape: Shape, turns: np.ndarray) -> None:
+        """Into the Hessian `h`: axial springs, dead pulls, dipoles."""
+        chain, load = self.chain, self.load
+        d, strains = shape
+        n, every = len(d), np.arange(len(d))
+        lengths = chain.cell * (1 + strains)
+        if len(load.moments):
+            by_tip, by_both = _dipoles_second(load, chain.tip(shape), d[-1])
+            reach = np.empty((n, 3, 3))  # ∂tip/∂(u, v, w) of every segment
+            reach[:, :2] = lengths[:, None, None] * turns
+            reach[:, 2] = chain.cell * chain.stretch * d
+            reach = reach.reshape(3 * n, 3)
+            h.reshape(3 * n, 3 * n)[...] -= reach @ by_tip @ reach.T
+            last = (reach @ by_both @ turns[-1].T).reshape(n, 3, 2)
+            h[:, :, -1, :2] -= last
+            h[-1, :2] -= last.transpose(2, 0, 1)
+        stretched = chain.cell * chain.stretch * np.einsum("nij,nj->ni", turns, chain.pull(load, shape))
+        h[every, :2, every, 2] -= stretched
+        h[every, 2, every, :2] -= stretched
+        h[every, 2, every, 2] += chain.axial * chain.stretch**2
+
+
+def _angles(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Angles φ between unit vectors (n, 3), and ψ' and ψ'' of ψ(cos φ) = φ²/2, all (n,).
+
+    φ = 2 atan2(|b − a|, |b + a|) keeps full precision from 0 to π. ψ' = −φ/sin φ and ψ'' = (1 − φ cot φ)/sin² φ;
+    below 0.05 rad they are series, off by less than 1e-9 of their value.
+    """
+    phi = 2 * np.arctan2(np.linalg.norm(b - a, axis=1), np.linalg.norm(b + a, axis=1))
+    small = phi < 0.05
+    safe = np.where(small, 1.0, phi)
+    sine = np.maximum(np.sin(safe), 1e-9)  # folded right back (φ = π) the couple has no direction: keep it finite
+    slope = np.where(small, 1 + phi**2 / 6 + 7 / 360 * phi**4, safe / sine)
+    curve = np.where(small, 1 / 3 + 2 / 15 * phi**2 + 2 / 63 * phi**4, (1 - safe * np.cos(safe) / sine) / sine**2)
+    return phi, -slope, curve
+
+
+def _dipoles(load: Load, tip: np.ndarray, along: np.ndarray, contact: float) -> tuple[float, np.ndarray, np.ndarray]:
+    """V = m d̂·B at the tip, the force ∂V/∂x (3,) and the field ∂V/∂d̂ (3,); V infinite nearer than `contact`.
+
+    The sums of `dipoles.field` and `dipoles.field_gradient` for one point and one direction.
+    """
+    r, s = tip - load.positions, load.moments
+    square = np.einsum("kj,kj->k", r, r)
+    if square.min() < contact**2:
+        return -math.inf, np.zeros(3), np.zeros(3)
+    a, b, c = np.einsum("kj,kj->k", s, r), r @ along, s @ along
+    w3 = square**-1.5
+    w5 = 3 * w3 / square
+    field = (w5 * a) @ r - w3 @ s
+    force = (w5 * b) @ s + (w5 @ a) * along + (w5 * (c - 5 * a * b / square)) @ r
+    return float(field @ along), force, field
+
+
+def _dipoles_second(load: Load, tip: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Second derivatives of V = m d̂·B at the tip: ∂²V/∂x∂x and ∂²V/∂x∂d̂, both (3, 3)."""
+    r, s = tip - load.positions, load.moments
+    square = np.einsum("kj,kj->k", r, r)
+    a, b, c = np.einsum("kj,kj->k", s, r), r @ along, s @ along
+    w5 = 3 * square**-2.5
+    w7 = 5 * w5 / square
+    one = np.outer(w5 @ s, along)
+    two = (s * (w7 * b)[:, None] + (w7 * a)[:, None] * along).T @ r
+    by_tip = one + one.T - two - two.T
+    by_tip += (w5 @ c - w7 @ (a * b)) * np.eye(3) + (r * (w7 * (7 * a * b / square - c))[:, None]).T @ r
+    mixed = (s * w5[:, None]).T @ r
+    by_both = mixed + mixed.T + (w5 @ a) * np.eye(3) - (r * (w7 * a)[:, None]).T @ r
+    return by_tip, by_both
+
+
+def _across(n: np.ndarray) -> np.ndarray:
+    """Two unit vectors across each of the unit vectors `n`: (N, 3) → (N, 2, 3) (Duff et al., JCGT 2017)."""
+    x, y, z = n.T
+    sign = np.copysign(1.0, z)
+    f = -1 / (sign + z)
+    g = x * y * f
+    first = np.stack([1 + sign * x * x * f, sign * g, -sign * x], axis=1)
+    return np.stack([first, np.stack([g, sign + y * y * f, -y], axis=1)], axis=1)

@@ -1,0 +1,393 @@
+"""A scenario: one tree of frozen values that says everything a run needs, and its TOML form."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import tomllib
+import types
+import typing
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .physics.checks import finite, non_negative, one_of, positive, vector
+from .physics.dipoles import field_gradient
+from .physics.guidewire import Guidewire
+from .physics.magnets import RULES, BlockMagnet, CylinderMagnet, Magnet, PointDipole
+from .physics.tract import Tract
+
+__all__ = ["COUPLINGS", "ActuatedMagnet", "Contact", "Rig", "Scenario", "Slide", "Timing", "Turn", "cheapest_rule"]
+
+COUPLINGS = ("force", "wrench")
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_SHIPPED = Path(__file__).parent / "scenarios"
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A magnet's rotation about a world axis through its centre.
+
+    axis : "x", "y" or "z"
+    home : rad; the action's zero, and the angle at rest
+    speed : rad/s at most; the servo turns the short way round
+    """
+
+    axis: str = "y"
+    home: float = 0.0
+    speed: float = math.pi
+
+    def __post_init__(self) -> None:
+        one_of("Turn.axis", self.axis, tuple(_AXES))
+        object.__setattr__(self, "home", finite("Turn.home", self.home, "rad"))
+        object.__setattr__(self, "speed", positive("Turn.speed", self.speed, "rad/s"))
+
+
+@dataclass(frozen=True)
+class Slide:
+    """A magnet's translation along a world axis, as an offset from its position.
+
+    axis : "x", "y" or "z"
+    low, high : m, the offset's limits; the action's −1 and +1
+    home : m; the offset at rest
+    speed : m/s at most
+    """
+
+    axis: str
+    low: float
+    high: float
+    home: float = 0.0
+    speed: float = 0.2
+
+    def __post_init__(self) -> None:
+        one_of("Slide.axis", self.axis, tuple(_AXES))
+        for name in ("low", "high", "home"):
+            object.__setattr__(self, name, finite(f"Slide.{name}", getattr(self, name), "m"))
+        object.__setattr__(self, "speed", positive("Slide.speed", self.speed, "m/s"))
+        if not self.low <= self.home <= self.high or self.low == self.high:
+            raise ValueError(f"Slide.home must lie in [low, high] with low < high (in m), got {self}")
+
+
+@dataclass(frozen=True)
+class ActuatedMagnet:
+    """An external magnet and how it may move.
+
+    magnet : the body
+    position : m, of its centre with every slide at 0
+    dofs : its actuated degrees of freedom in the order of the command; at most two turns (the second about a world
+        axis after the first) and three slides. At rest its moment lies along z; a turn by θ about y brings it to
+        (sin θ, 0, cos θ), as in the paper's Section III-C.
+    dipoles : (rule, n) of its cloud, see `magwire_env.physics.magnets`; empty: the scenario takes, and records, the
+        cheapest Gauss rule within 0.5 % of the exact force gradient at its own smallest distance
+    """
+
+    magnet: Magnet
+    position: tuple[float, float, float]
+    dofs: tuple[Turn | Slide, ...] = (Turn(),)
+    dipoles: tuple[Any, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", vector("ActuatedMagnet.position", self.position, 3, "m"))
+        object.__setattr__(self, "dofs", tuple(self.dofs))
+        turns = [d for d in self.dofs if isinstance(d, Turn)]
+        slides = [d.axis for d in self.dofs if isinstance(d, Slide)]
+        if len(turns) > 2 or len(set(slides)) != len(slides):
+            raise ValueError(f"ActuatedMagnet.dofs must hold at most two turns and one slide an axis, got {self.dofs}")
+        if self.dipoles:
+            rule, n = self.dipoles
+            one_of("ActuatedMagnet.dipoles", rule, RULES)
+            n = tuple(int(c) for c in n) if isinstance(n, (tuple, list)) else n
+            object.__setattr__(self, "dipoles", (rule, n))
+            self.magnet.dipoles(rule, n)
+
+    def distance_to(self, points: np.ndarray) -> float:
+        """Smallest distance from `points` (n, 3) m to the magnet's centre over the range of its slides, m."""
+        low, high = np.array(self.position), np.array(self.position)
+        for slide in self.dofs:
+            if isinstance(slide, Slide):
+                low += slide.low * np.array(_AXES[slide.axis])
+                high += slide.high * np.array(_AXES[slide.axis])
+        return float(np.linalg.norm(points - np.clip(points, low, high), axis=1).min())
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The external magnets, at least one."""
+
+    magnets: tuple[ActuatedMagnet, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "magnets", tuple(self.magnets))
+        if not self.magnets:
+            raise ValueError("Rig.magnets must hold at least one magnet, got none")
+
+    @property
+    def dofs(self) -> tuple[Turn | Slide, ...]:
+        """Every actuated degree of freedom, in the order of the command."""
+        return tuple(d for m in self.magnets for d in m.dofs)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What holds the wire back, and what presses on the wall.
+
+    friction : Coulomb coefficient μ (hydrophilic guidewires about 0.02; other simulators 0.1)
+    stick_speed : m/s, the speed ε that smooths Coulomb's law: f = −μ n v/√(v² + ε²)
+    drag : N·s/m², viscous drag per metre of wire and per m/s
+    lever : m, between the two contacts that bear the tip magnet's couple
+    lever_friction : the couple's contacts add to the tip's friction
+    wall_force_limit : N; `cost` is the tip's wall force above it
+    """
+
+    friction: float = 0.05
+    stick_speed: float = 1e-4
+    drag: float = 0.5
+    lever: float = 10e-3
+    lever_friction: bool = False
+    wall_force_limit: float = 0.1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "friction", non_negative("Contact.friction", self.friction))
+        object.__setattr__(self, "drag", non_negative("Contact.drag", self.drag, "N·s/m²"))
+        for name, unit in (("stick_speed", "m/s"), ("lever", "m"), ("wall_force_limit", "N")):
+            object.__setattr__(self, name, positive(f"Contact.{name}", getattr(self, name), unit))
+
+
+@dataclass(frozen=True)
+class Timing:
+    """control_period : s between commands; substeps : integration steps in one control period."""
+
+    control_period: float = 0.1
+    substeps: int = 2
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "control_period", positive("Timing.control_period", self.control_period, "s"))
+        if int(self.substeps) != self.substeps or self.substeps < 1:
+            raise ValueError(f"Timing.substeps must be a whole number of at least 1, got {self.substeps!r}")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Everything a run needs; frozen and equal by value.
+
+    name : for people
+    tract, wire, tip : the lumen, the guidewire, and the magnet at its tip (moment along the tract's tangent)
+    rig : the external magnets
+    contact, coupling, gravity, timing : see the parts; gravity in m/s²
+
+    `coupling` is the force that drives the tip along the tract: ``"force"``, the paper's projection F·t, or
+    ``"wrench"``, the generalised force F·t + m κ n·B that follows from the energy −m t·B, since a tip locked to a
+    bend turns as it slides. A closed tract takes "wrench" only: F·t is not conservative round a loop.
+
+    >>> Scenario.paper().rig.magnets[0].dipoles       # the rule it took for its own smallest distance
+    ('gauss', 4)
+    """
+
+    name: str
+    tract: Tract
+    wire: Guidewire
+    tip: CylinderMagnet
+    rig: Rig
+    contact: Contact = field(default_factory=Contact)
+    coupling: str = "force"
+    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    timing: Timing = field(default_factory=Timing)
+
+    def __post_init__(self) -> None:
+        one_of("Scenario.coupling", self.coupling, COUPLINGS)
+        object.__setattr__(self, "gravity", vector("Scenario.gravity", self.gravity, 3, "m/s²"))
+        if self.tract.closed and self.coupling == "force":
+            raise ValueError(
+                "Scenario.coupling must be 'wrench' on a closed tract, where F·t does net work a lap, got 'force'"
+            )
+        if self.wire.length >= self.tract.length:
+            raise ValueError(
+                f"Scenario.wire.length must be less than the tract's {self.tract.length:.4g} m, got {self.wire.length:g} m"
+            )
+        centreline = self.tract.position(np.linspace(0.0, self.tract.length, 4 * len(self.tract.table)))
+        magnets = []
+        for i, mount in enumerate(self.rig.magnets):
+            distance, clear = mount.distance_to(centreline), mount.magnet.reach + self.tract.widest
+            if distance < clear:
+                raise ValueError(
+                    f"Scenario.rig.magnets[{i}].position must keep the magnet's centre at least {clear:.4g} m from the "
+                    f"centreline, or the turning magnet enters the tract, got {distance:.4g} m from {mount.position} m"
+                )
+            if not mount.dipoles:
+                mount = dataclasses.replace(mount, dipoles=cheapest_rule(mount.magnet, distance))
+            magnets.append(mount)
+        object.__setattr__(self, "rig", Rig(tuple(magnets)))
+
+    @classmethod
+    def paper(cls, magnet_distance: float = 0.07, measured_to: str = "centre") -> Scenario:
+        """The paper's set-up (Section IV), every number of it.
+
+        magnet_distance : m. The paper's 7 cm "from the GI tract" may end at the magnet's centre or at its face; here
+            it is the smallest distance from the tract's centreline to the magnet's ``"centre"`` or its ``"face"``
+            (half an edge farther).
+        """
+        from .anatomy.named import paper_spiral
+
+        block = BlockMagnet(size=(50.8e-3,) * 3, remanence=1.3)
+        one_of("measured_to", measured_to, ("centre", "face"))
+        distance = positive("magnet_distance", magnet_distance, "m") + (
+            block.size[2] / 2 if measured_to == "face" else 0.0
+        )
+        tract = paper_spiral()
+        return cls(
+            name="paper",
+            tract=tract,
+            wire=Guidewire(
+                length=0.1, radius=2.5e-3, axial_modulus=600e3, bending_modulus=550e3, density=1100.0, segments=16
+            ),
+            tip=CylinderMagnet(diameter=2e-3, height=3e-3, remanence=1.37, mass=7.2e-5),
+            rig=Rig((ActuatedMagnet(block, above(tract, distance), (Turn("y", home=math.pi),)),)),
+        )
+
+    def replace(self, **changes: Any) -> Scenario:
+        """A copy with some fields changed; fields of parts by double underscore: ``sc.replace(contact__friction=0.1)``."""
+        nested: dict[str, dict[str, Any]] = {}
+        flat: dict[str, Any] = {}
+        for key, value in changes.items():
+            part, _, inner = key.partition("__")
+            if part not in {f.name for f in dataclasses.fields(self)}:
+                raise ValueError(f"Scenario.replace got an unknown field {key!r}")
+            if inner:
+                nested.setdefault(part, {})[inner] = value
+            else:
+                flat[part] = value
+        for part, inner_changes in nested.items():
+            known = (
+                {f.name for f in dataclasses.fields(getattr(self, part))}
+                if part not in ("name", "coupling", "gravity")
+                else set()
+            )
+            if unknown := set(inner_changes) - known:
+                raise ValueError(f"Scenario.replace got an unknown field {part}__{min(unknown)}")
+            flat[part] = dataclasses.replace(flat.get(part, getattr(self, part)), **inner_changes)
+        return dataclasses.replace(self, **flat)
+
+    def save(self, path: str | Path) -> None:
+        """Write the scenario as TOML; a tract is stored by its points, so the file stands alone."""
+        import tomli_w
+
+        Path(path).write_text(tomli_w.dumps(_to_toml(self)), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Scenario:
+        """Read a scenario from a TOML file, or a shipped one by name (``Scenario.load("paper")``).
+
+        Raises `ValueError` naming an unknown, missing or impossible entry, `FileNotFoundError` if there is no such file.
+        """
+        file = Path(path)
+        if not file.suffix and not file.exists():
+            names = sorted(p.stem for p in _SHIPPED.glob("*.toml"))
+            if str(path) not in names:
+                raise FileNotFoundError(
+                    f"no file {str(path)!r}, and no shipped scenario of that name; shipped: {', '.join(names)}"
+                )
+            file = _SHIPPED / f"{path}.toml"
+        try:
+            tree = tomllib.loads(file.read_text(encoding="utf-8"))
+        except tomllib.TOMLDecodeError as error:
+            raise ValueError(f"{file} is not valid TOML: {error}") from error
+        return _from_toml(cls, tree, str(file))
+
+
+def above(tract: Tract, distance: float) -> tuple[float, float, float]:
+    """The point above (+z) the mean of the tract's control points, `distance` m from the centreline's nearest point."""
+    p = tract.position(np.linspace(0.0, tract.length, 4001))
+    x, y = np.mean(tract.points, axis=0)[:2]
+    flat = np.hypot(p[:, 0] - x, p[:, 1] - y)
+    near = flat < distance
+    # Above every near point by at least what keeps it on or outside its sphere of radius `distance`.
+    z = (p[near, 2] + np.sqrt(distance**2 - flat[near] ** 2)).max() if near.any() else p[:, 2].mean()
+    return (float(x), float(y), float(z))
+
+
+@lru_cache(maxsize=256)
+def cheapest_rule(magnet: Magnet, distance: float, tolerance: float = 5e-3) -> tuple[str, int]:
+    """The smallest Gauss rule whose force gradient at `distance` m from the centre is within `tolerance` of exact.
+
+    The worst of 200 directions counts; "exact" is 16 points a direction, converged to 1e-5 of the closed form there.
+    """
+    k = np.arange(200) + 0.5
+    z, turn = 1 - 2 * k / 200, np.pi * (1 + 5**0.5) * k
+    r = np.sqrt(1 - z**2)
+    points = distance * np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+    exact = field_gradient(magnet.dipoles("gauss", 16), points)
+    size = np.linalg.norm(exact, axis=(1, 2))
+    for n in range(1, 16):
+        error = np.linalg.norm(field_gradient(magnet.dipoles("gauss", n), points) - exact, axis=(1, 2)) / size
+        if error.max() <= tolerance:
+            return ("gauss", n)
+    raise ValueError(
+        f"no Gauss rule up to 15 points a direction is within {tolerance:g} at {distance:.4g} m from {magnet}"
+    )
+
+
+# --- TOML -------------------------------------------------------------------------------------------------------------
+
+_KINDS = {"block": BlockMagnet, "cylinder": CylinderMagnet, "point": PointDipole, "turn": Turn, "slide": Slide}
+_KIND_OF = {cls: kind for kind, cls in _KINDS.items()}
+
+
+def _to_toml(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        tree = {"kind": _KIND_OF[type(value)]} if type(value) in _KIND_OF else {}
+        return tree | {f.name: _to_toml(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, tuple):
+        return [_to_toml(v) for v in value]
+    return value
+
+
+def _from_toml(kind: Any, tree: Any, where: str) -> Any:
+    origin, args = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType) and any(a in _KIND_OF for a in args):
+        return _tagged(args, tree, where)
+    if dataclasses.is_dataclass(kind):
+        return _built(kind, tree, where)
+    if origin is tuple and isinstance(tree, list):
+        inner = args[0] if len(args) == 2 and args[1] is Ellipsis else None
+        items = [_from_toml(inner if inner else a, t, f"{where}[{i}]") for i, (t, a) in enumerate(_zip(tree, args))]
+        return tuple(items)
+    return tuple(tree) if isinstance(tree, list) else tree
+
+
+def _zip(tree: list, args: tuple) -> list:
+    return [(t, args[i] if i < len(args) else args[-1]) for i, t in enumerate(tree)]
+
+
+def _tagged(allowed: tuple, tree: Any, where: str) -> Any:
+    names = [_KIND_OF[a] for a in allowed if a in _KIND_OF]
+    if not isinstance(tree, dict) or tree.get("kind") not in names:
+        got = tree.get("kind") if isinstance(tree, dict) else tree
+        raise ValueError(f"{where}.kind must be one of {', '.join(map(repr, names))}, got {got!r}")
+    return _built(_KINDS[tree["kind"]], tree, where)
+
+
+def _built(kind: type, tree: Any, where: str) -> Any:
+    if not isinstance(tree, dict):
+        raise ValueError(f"{where} must be a table, got {tree!r}")
+    hints = typing.get_type_hints(kind)
+    tree = {k: v for k, v in tree.items() if not (k == "kind" and kind in _KIND_OF)}
+    fields = {f.name: f for f in dataclasses.fields(kind)}
+    if unknown := sorted(set(tree) - set(fields)):
+        raise ValueError(f"{where} has an unknown key {unknown[0]!r}; allowed: {', '.join(fields)}")
+    for name, f in fields.items():
+        if name not in tree and f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING:
+            raise ValueError(f"{where} lacks the key {name!r}")
+    for name, value in tree.items():
+        wanted = hints[name]
+        if wanted in (bool, str) and not isinstance(value, wanted):
+            raise ValueError(
+                f"{where}.{name} must be a {'true or false' if wanted is bool else 'string'}, got {value!r}"
+            )
+    values = {name: _from_toml(hints[name], value, f"{where}.{name}") for name, value in tree.items()}
+    try:
+        return kind(**values)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from error

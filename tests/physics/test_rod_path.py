@@ -1,0 +1,173 @@
+"""Paths of the free rod: following a branch, reporting where it ends; and what the rod refuses."""
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from magwire_env.physics import (
+    MU0,
+    BlockMagnet,
+    CylinderMagnet,
+    DipoleCloud,
+    FreeRod,
+    Guidewire,
+    NotConverged,
+)
+
+LENGTH = 0.1
+TIP = CylinderMagnet(2e-3, 3e-3, 1.37)
+BLOCK = BlockMagnet((0.0508, 0.0508, 0.0508), 1.3)
+
+
+def make_rod(segments: int, stretch: float = 1.0, **options) -> FreeRod:
+    """The paper's wire; `stretch` multiplies its axial modulus, a thousandfold makes it inextensible."""
+    return FreeRod(Guidewire(LENGTH, 2.5e-3, stretch * 600e3, 550e3, 1100.0, segments), TIP, **options)
+
+
+def force_unit(rod: FreeRod) -> float:
+    """E·I/L², N."""
+    return rod.wire.bending_rigidity / rod.wire.length**2
+
+
+def field_unit(rod: FreeRod) -> float:
+    """E·I/(m L), T: the field at which β = 1."""
+    return rod.wire.bending_rigidity / (rod.wire.length * rod.tip.moment)
+
+
+def tip_angle(nodes: np.ndarray) -> float:
+    """Angle of the last segment to the x axis, degrees."""
+    last = nodes[-1] - nodes[-2]
+    return math.degrees(math.atan2(math.hypot(last[1], last[2]), last[0]))
+
+
+def axial_snap(rod: FreeRod, strength: float) -> float:
+    """Distance from the clamp at which a coaxial, aligned dipole snaps the tip to itself, m.
+
+    The rod is then a spring k = E·A/L against F = 3μ0 m1 m2/(2π d⁴): a fold where k = −dF/dd = 4F/d, the tip being
+    drawn out by F/k = d/4, so that the dipole stands at L + 5d/4.
+    """
+    k = rod.wire.axial_rigidity / LENGTH
+    d = (12 * MU0 * strength * TIP.moment / (2 * math.pi * k)) ** 0.2
+    return LENGTH + 1.25 * d
+
+
+@pytest.mark.parametrize("loads", [12, 97])
+def test_path_reports_the_snap_into_contact(loads):
+    rod = make_rod(12)
+    expected = axial_snap(rod, 5.0)
+    places = np.linspace(expected + 0.03, expected - 0.011, loads)
+    path = rod.path([{"cloud": DipoleCloud([[x, 0, 0]], [[5.0, 0, 0]])} for x in places])
+    assert path.snap == np.flatnonzero(places < expected)[0]
+    assert path.converged.tolist() == [i < path.snap for i in range(loads)]
+    assert np.isfinite(path.positions[: path.snap]).all()
+    assert np.isnan(path.positions[path.snap :]).all()
+
+
+def test_snap_place_is_sharp():
+    rod = make_rod(12)
+    expected = axial_snap(rod, 5.0)
+    for share, snap in ((1 + 2e-5, None), (1 - 2e-5, 1)):
+        path = rod.path(
+            [{"cloud": DipoleCloud([[x, 0, 0]], [[5.0, 0, 0]])} for x in (expected + 0.02, expected * share)]
+        )
+        assert path.snap == snap
+
+
+@pytest.mark.parametrize("loads", [10, 37])
+def test_path_reports_the_jump_to_another_equilibrium(loads):
+    """A turning field, β = 2.5: the rod lags behind until the field passes antiparallel, then swings over.
+
+    At 180° the bent rod may turn about its axis at no cost; just beyond, all of that turn runs downhill.
+    """
+    rod = make_rod(12, stretch=1000)
+    angles = np.radians(np.linspace(0, 235, loads))
+    fields = 2.5 * field_unit(rod) * np.stack([np.cos(angles), 0 * angles, np.sin(angles)], axis=1)
+    path = rod.path([{"uniform_field": b} for b in fields])
+    assert path.snap == np.flatnonzero(angles > math.pi)[0]
+    assert path.converged.all()
+    mirrored = rod.equilibrium(uniform_field=fields[-1] * [1, 1, -1])
+    np.testing.assert_allclose(path.positions[-1], mirrored * [1, 1, -1], atol=1e-8)
+    for nodes, b, angle in list(zip(path.positions, fields, angles, strict=True))[1:]:
+        lag = angle if angle < math.pi else 2 * math.pi - angle
+        phi = math.radians(tip_angle(nodes))  # the rod is an arc: φ = β sin(α − φ)
+        assert phi == pytest.approx(2.5 * math.sin(lag - phi), rel=1e-6)
+        np.testing.assert_allclose(rod.forces(nodes, uniform_field=b)[1:], 0, atol=1e-7 * rod.wire.axial_rigidity)
+
+
+def test_a_smooth_path_has_no_snap_and_does_not_depend_on_its_steps():
+    rod = make_rod(12)
+    ends = []
+    for loads in (2, 5, 40):
+        heights = np.linspace(0.4, 0.12, loads)
+        path = rod.path([{"cloud": DipoleCloud([[0.1, 0, h]], [[4.0, 0, 0]])} for h in heights])
+        assert path.snap is None
+        assert path.converged.all()
+        ends.append(path.positions[-1])
+    assert np.abs(ends[0] - np.linspace([0, 0, 0], [LENGTH, 0, 0], 13)).max() > 1e-3
+    np.testing.assert_allclose(ends[1:], [ends[0]] * 2, atol=1e-9)
+
+
+def test_a_path_that_comes_back_ends_where_it_began():
+    rod = make_rod(12)
+    turns = np.radians([0, 40, 80, 120, 80, 40, 0])
+    path = rod.path([{"uniform_field": 2 * field_unit(rod) * np.array([math.cos(a), math.sin(a), 0])} for a in turns])
+    assert path.snap is None
+    np.testing.assert_allclose(path.positions[::-1], path.positions, atol=1e-9)
+
+
+def test_a_path_whose_first_load_has_no_equilibrium_says_so():
+    rod = make_rod(12)
+    near, far = (DipoleCloud([[x, 0, 0]], [[5.0, 0, 0]]) for x in (axial_snap(rod, 5.0) - 1e-3, 0.4))
+    path = rod.path([{"cloud": near}, {"cloud": far}])
+    assert path.snap == 0
+    assert not path.converged.any()
+    assert np.isnan(path.positions).all()
+
+
+def test_contact_raises_with_the_residual():
+    rod = make_rod(12)
+    cloud = DipoleCloud([[axial_snap(rod, 5.0) - 1e-3, 0, 0]], [[5.0, 0, 0]])
+    with pytest.raises(NotConverged, match="contact with a magnet; gradient norm .* E·I/L") as caught:
+        rod.equilibrium(cloud)
+    assert caught.value.touched
+    assert 0 < caught.value.residual < math.inf
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert (str(again), again.residual, again.touched) == (str(caught.value), caught.value.residual, True)
+
+
+def test_a_tip_inside_the_magnet_is_contact():
+    cloud = BLOCK.dipoles("gauss", 3).moved(translation=[LENGTH, 0, 0.004])  # the tip among the dipoles, near none
+    assert np.linalg.norm(cloud.positions - [LENGTH, 0, 0], axis=1).min() > 2 * make_rod(4).contact
+    with pytest.raises(NotConverged, match="contact"):
+        make_rod(4).equilibrium(cloud)
+
+
+def test_an_unreachable_tolerance_is_said():
+    with pytest.raises(NotConverged, match="no stable equilibrium") as caught:
+        make_rod(8, tolerance=1e-30).equilibrium(tip_force=(0, 0, 1e-3))
+    assert 0 < caught.value.residual < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: FreeRod("wire", TIP), "FreeRod.wire must be a wire"),
+        (lambda: FreeRod(make_rod(4).wire, 0.01), "FreeRod.tip must be a tip"),
+        (lambda: make_rod(4, gravity=(0, 0)), r"FreeRod.gravity must be 3 finite numbers \(in m/s²\)"),
+        (lambda: make_rod(4, contact=0), r"FreeRod.contact must be greater than 0 \(in m\), got 0"),
+        (lambda: make_rod(4, tolerance=-1), "FreeRod.tolerance must be greater than 0"),
+        (lambda: make_rod(4).equilibrium(cloud=[1, 2]), "cloud must be a DipoleCloud or None, got list"),
+        (lambda: make_rod(4).equilibrium(uniform_field=(0, math.nan, 0)), "uniform_field must be 3 finite numbers"),
+        (lambda: make_rod(4).equilibrium(tip_force=1.0), r"tip_force must be 3 numbers \(in N\), got 1.0"),
+        (lambda: make_rod(4).equilibrium(start=np.zeros((3, 3))), r"start must be \(5, 3\) m"),
+        (lambda: make_rod(4).energy(np.zeros((5, 3))), "positions must have distinct neighbours"),
+        (lambda: make_rod(4).energy(np.ones((5, 3))), "first node at the origin"),
+        (lambda: make_rod(4).path([{}, {"force": (0, 0, 1)}]), r"loads\[1\] must be a mapping with keys among cloud"),
+        (lambda: make_rod(4).path([{"start": None}]), r"loads\[0\] must be"),
+    ],
+)
+def test_bad_input_is_refused(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
