@@ -114,6 +114,12 @@ class Observer:
         self.space = Box(-bound, bound, dtype=np.float32)
         self._bound = bound
 
+    def part(self, name: str) -> slice:
+        """Where a channel stands in the observation; `ValueError` if it is not observed."""
+        if name not in self.names:
+            raise ValueError(f"observe must include {name!r} here, got {self.names}")
+        return self._parts[self.names.index(name)][1]
+
     def read(self, goal: np.ndarray) -> np.ndarray:
         """The observation of every lane, (n, size) float32, given the goals (n,) m."""
         out = np.empty((self._sim.num_envs, len(self._bound)), dtype=np.float32)

@@ -218,9 +218,8 @@ class LaneArrays:
 
     def lanes_first(self, array: np.ndarray) -> np.ndarray:
         """A copy of a blocked array as (n, fields)."""
-        return np.ascontiguousarray(array.reshape(len(array), -1, a1.LANES).transpose(0, 2, 1)).reshape(
-            -1, array.shape[1] // a1.LANES
-        )[: self.n]
+        fields = array.shape[1] // a1.LANES
+        return array.reshape(len(array), fields, a1.LANES).transpose(0, 2, 1).copy().reshape(-1, fields)[: self.n]
 
     def tip(self, array: np.ndarray) -> np.ndarray:
         """A copy of the last node's values of a blocked node array, (n,)."""
