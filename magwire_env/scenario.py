@@ -312,13 +312,15 @@ def above(tract: Tract, distance: float) -> tuple[float, float, float]:
 def cheapest_rule(magnet: Magnet, distance: float, tolerance: float = 5e-3) -> tuple[str, int]:
     """The smallest Gauss rule whose force gradient at `distance` m from the centre is within `tolerance` of exact.
 
-    The worst of 200 directions counts; "exact" is 16 points a direction, converged to 1e-5 of the closed form there.
+    The worst of some hundred directions counts. "Exact" is 16 points a direction, or 24 close to the body, converged
+    to 2e-4 of the closed form even 1 mm from a corner.
     """
-    k = np.arange(200) + 0.5
-    z, turn = 1 - 2 * k / 200, np.pi * (1 + 5**0.5) * k
+    count, reference = (200, 16) if distance > 1.2 * magnet.reach else (400, 24)
+    k = np.arange(count) + 0.5
+    z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
     r = np.sqrt(1 - z**2)
     points = distance * np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
-    exact = field_gradient(magnet.dipoles("gauss", 16), points)
+    exact = field_gradient(magnet.dipoles("gauss", reference), points)
     size = np.linalg.norm(exact, axis=(1, 2))
     for n in range(1, 16):
         error = np.linalg.norm(field_gradient(magnet.dipoles("gauss", n), points) - exact, axis=(1, 2)) / size

@@ -32,12 +32,13 @@ def paper_spiral(length: float = 0.8, radius: float = 7.5e-3) -> Tract:
     """The paper's tract as read here: two turns winding in from 90 mm to 40 mm radius, scaled to `length` m.
 
     The paper gives the tract's length and diameter (Section IV) but its curve only as a picture, so the curve is
-    ours: a spiral in the x–y plane whose z ripples by 10 mm from crest to trough, twice a turn.
+    ours: a spiral in the x–y plane whose z ripples by 10 mm from crest to trough, twice a turn. Over its first and its
+    last 20 mm the curvature goes to zero, so that it runs smoothly into its straight extensions.
     """
-    turn = np.linspace(0.0, 4 * np.pi, 121)
+    turn = np.linspace(0.0, 4 * np.pi, 121)[2:-5]
     r = np.interp(turn, [0.0, 4 * np.pi], [0.09, 0.04])
     xyz = np.stack([r * np.cos(turn), r * np.sin(turn), 0.005 * np.sin(2 * turn)], axis=1)
-    return _scaled(xyz, length, radius)
+    return _scaled(_eased(xyz), length, radius)
 
 
 def straight(length: float = 0.8, radius: float = 7.5e-3) -> Tract:
@@ -48,7 +49,7 @@ def straight(length: float = 0.8, radius: float = 7.5e-3) -> Tract:
 def helix(length: float = 0.8, radius: float = 7.5e-3) -> Tract:
     """A helix climbing along z, as a coiled tube on a bench: two and a half turns, 25 mm a turn.
 
-    Its bend radius is 50 mm at 0.8 m, but for a centimetre at each end, where the spline comes off the straight with 40.
+    Its bend radius is 50 mm at 0.8 m, but 40 mm in the last centimetre at each end, where the spline goes straight.
     """
     turn = np.linspace(0.0, 5 * np.pi, 81)
     xyz = np.stack([0.0507 * np.cos(turn), 0.0507 * np.sin(turn), 0.025 * (turn / (2 * np.pi) - 1.25)], axis=1)
@@ -157,6 +158,21 @@ def _through(stations: Sequence[tuple[float, float, float]], spacing: float = 0.
     chord = np.r_[0.0, np.linalg.norm(np.diff(xyz, axis=0), axis=1).cumsum()]
     points = CubicSpline(chord, xyz)(np.linspace(0.0, chord[-1], round(chord[-1] / spacing) + 1))
     return points - (points.max(axis=0) + points.min(axis=0)) / 2
+
+
+def _eased(xyz: np.ndarray, ease: float = 0.02, points: int = 4) -> np.ndarray:
+    """`xyz` (n, 3) m with `ease` m added at both ends over which the curvature falls linearly to zero."""
+    chord = np.r_[0.0, np.linalg.norm(np.diff(xyz, axis=0), axis=1).cumsum()]
+    curve = CubicSpline(chord, xyz)
+    u = ease * np.arange(1, points + 1)[:, None] / points
+    tails = []
+    for end, sign in ((chord[0], -1.0), (chord[-1], 1.0)):
+        speed = np.linalg.norm(curve(end, 1))
+        tangent = sign * curve(end, 1) / speed
+        bend = curve(end, 2) / speed**2
+        bend = bend - (bend @ tangent) * tangent
+        tails.append(curve(end) + tangent * u + bend * (u**2 / 2 - u**3 / (6 * ease)))
+    return np.vstack([tails[0][::-1], xyz, tails[1]])
 
 
 def _scaled(xyz: np.ndarray, length: float, radius: float | np.ndarray, closed: bool = False) -> Tract:

@@ -283,8 +283,8 @@ def _refuse_gaps(path: Path, c: Centreline, spacing: float) -> None:
     if steps.max() > allowed:
         i = int(steps.argmax())
         raise ValueError(
-            f"{path} has a gap of {steps[i]:.4g} m after point {i} (from 0) at {_at(c.points[i])}; a step may be at most "
-            f"{allowed:.4g} m, ten times the median: add the missing points, or keep one side of the gap"
+            f"{path} has a gap of {steps[i]:.4g} m after point {i} (from 0) at {_at(c.points[i])}; a step may be "
+            f"at most {allowed:.4g} m, ten times the median: add the missing points, or keep one side of the gap"
         )
 
 
@@ -325,8 +325,8 @@ def _refuse_kinks(path: Path, c: Centreline) -> None:
     if turn.size and turn.max() > _SHARPEST_CORNER:
         i = int(turn.argmax()) + 1
         raise ValueError(
-            f"{path} has a kink of {math.degrees(turn.max()):.0f}° at {_at(points[i])}, {_arc(c)[i]:.4g} m along; at most "
-            f"{math.degrees(_SHARPEST_CORNER):.0f}° is allowed: give more points round the bend, or smooth= (in m)"
+            f"{path} has a kink of {math.degrees(turn.max()):.0f}° at {_at(points[i])}, {_arc(c)[i]:.4g} m along; at "
+            f"most {math.degrees(_SHARPEST_CORNER):.0f}° is allowed: give more points round the bend, or smooth= (in m)"
         )
 
 
@@ -345,6 +345,7 @@ def _refuse_crossings(path: Path, c: Centreline) -> None:
     if bad.size:
         i, j = pairs[bad[apart[bad].argmin()]]
         raise ValueError(
-            f"{path} comes back into its own lumen: {s[i]:.4g} m and {s[j]:.4g} m along, near {_at(fine[i])}, its parts are "
-            f"{apart[bad].min():.4g} m apart with a lumen radius of {radius[i]:.4g} m: cut the loop out, or pass a smaller radius="
+            f"{path} comes back into its own lumen: {s[i]:.4g} m and {s[j]:.4g} m along, near {_at(fine[i])}, it has "
+            f"parts {apart[bad].min():.4g} m apart in a lumen of {radius[i]:.4g} m radius: "
+            f"cut the loop out, or pass a smaller radius="
         )

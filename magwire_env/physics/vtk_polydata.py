@@ -31,7 +31,7 @@ _ZLIB = "vtkZLibDataCompressor"
 
 @dataclass(frozen=True)
 class VtkLine:
-    """One polyline cell: its points (n, 3) in the file's unit, and the point array asked for, (n,), if the file has it."""
+    """One polyline cell: its points (n, 3) in the file's unit, and the array asked for, (n,), if the file has it."""
 
     points: np.ndarray
     values: np.ndarray | None
@@ -74,7 +74,7 @@ def _lines_of(path: Path, piece: ElementTree.Element, reader: _Reader, array: st
         raise ValueError(
             f"{path} Lines offsets must rise to the {connectivity.size} entries of its connectivity, got {offsets}"
         )
-    if connectivity.size and not (0 <= connectivity.min() and connectivity.max() < len(points)):
+    if connectivity.size and (connectivity.min() < 0 or connectivity.max() >= len(points)):
         wrong = connectivity[(connectivity < 0) | (connectivity >= len(points))][0]
         raise ValueError(f"{path} Lines connectivity must name points 0 to {len(points) - 1}, got {wrong}")
     element = piece.find(f"PointData/DataArray[@Name='{array}']")

@@ -16,7 +16,7 @@ BENDS = {"helix": 40, "colon_frame": 35, "small_bowel_loops": 36, "aortic_arch":
 
 
 def brute_bend_and_gap(tract: Tract) -> tuple[float, float]:
-    """Least bend radius from finite differences of the tangent, least wall-to-wall distance from all pairs of points."""
+    """Least bend radius by finite differences of the tangent, least wall-to-wall distance over all pairs of points."""
     s = np.linspace(0.0, tract.length, 1601)
     turn = np.linalg.norm(np.diff(tract.tangent(s), axis=0), axis=1).max() / (s[1] - s[0])
     s = s[::2]
@@ -85,13 +85,16 @@ def test_shapes_are_what_they_are_named_for():
 
     colon = NAMED["colon_frame"]()
     rectum, descending, transverse, ascending = colon.position(colon.length * np.array([0.03, 0.45, 0.68, 0.95]))
-    assert descending[0] > 0.08 and ascending[0] < -0.08  # the patient's left and right
+    assert descending[0] > 0.08
+    assert ascending[0] < -0.08
     assert transverse[2] > rectum[2] + 0.02  # hangs forward
-    assert colon.tangent(0.45 * colon.length)[1] > 0.95 and colon.tangent(0.95 * colon.length)[1] < -0.95
+    assert colon.tangent(0.45 * colon.length)[1] > 0.95
+    assert colon.tangent(0.95 * colon.length)[1] < -0.95
 
     arch = NAMED["aortic_arch"]()
     up, down = arch.tangent(0.02), arch.tangent(0.9 * arch.length)
-    assert up[1] > 0.9 and down[1] < -0.9
+    assert up[1] > 0.9
+    assert down[1] < -0.9
     top = arch.position(np.linspace(0.0, arch.length, 300))[:, 1].argmax() / 300
     assert 0.2 < top < 0.5
     assert arch.radius_at(0.0) == pytest.approx(13e-3)
@@ -133,8 +136,10 @@ def test_radius_of_a_loop_wraps_round():
 
 def test_tracts_with_radii_are_values():
     one, same, other = (Tract.from_points(LINE, radius=r) for r in ([4e-3] * 4, np.full(4, 4e-3), [4e-3] * 3 + [5e-3]))
-    assert one == same and hash(one) == hash(same)
-    assert one != other and one != Tract.from_points(LINE, 4e-3)
+    assert one == same
+    assert hash(one) == hash(same)
+    assert one != other
+    assert one != Tract.from_points(LINE, 4e-3)
 
 
 @pytest.mark.parametrize(
@@ -160,6 +165,7 @@ def test_a_scenario_keeps_radii_through_toml_and_clears_the_widest(tmp_path):
     scenario = scenario.replace(tract=Tract.from_points(points, radii))
     scenario.save(tmp_path / "varied.toml")
     again = Scenario.load(tmp_path / "varied.toml")
-    assert again == scenario and again.tract.radius == radii
+    assert again == scenario
+    assert again.tract.radius == radii
     with pytest.raises(ValueError, match="magnet enters the tract"):  # 44 mm of magnet and 30 mm of lumen exceed 70 mm
         scenario.replace(tract=Tract.from_points(points, (*radii[:-1], 30e-3)))
