@@ -102,22 +102,21 @@ class LaneArrays:
         self.library, self.n, self.threads = library, n, threads
         lanes, blocks = a1.LANES, -(-n // a1.LANES)
         magnets, dof, nodes = len(library.rig), library.dof, library.nodes
-        self.par = np.zeros((blocks, a1.PAR_SIZE))
-        self.wire = np.zeros((blocks, nodes * a1.WIRE_STRIDE))
-        self.magnets = np.zeros((blocks, magnets * a1.MAGNET_STRIDE))
-        self.dofs = np.zeros((blocks, dof * a1.DOF_STRIDE))
-        self.s, self.v = np.zeros((blocks, nodes * lanes)), np.zeros((blocks, nodes * lanes))
-        self.q, self.command = np.zeros((blocks, dof * lanes)), np.zeros((blocks, dof * lanes))
-        self.trace = np.zeros((blocks, (library.timing.substeps + 1) * lanes))
-        self.out = np.zeros((blocks, a1.OUT_SIZE))
-        self._tip_arclength = np.zeros((blocks, lanes))
+        self.par = _zeros(blocks, a1.PAR_SIZE)
+        self.wire = _zeros(blocks, nodes * a1.WIRE_STRIDE)
+        self.magnets = _zeros(blocks, magnets * a1.MAGNET_STRIDE)
+        self.dofs = _zeros(blocks, dof * a1.DOF_STRIDE)
+        self.s, self.v = _zeros(blocks, nodes * lanes), _zeros(blocks, nodes * lanes)
+        self.q, self.command = _zeros(blocks, dof * lanes), _zeros(blocks, dof * lanes)
+        self.trace = _zeros(blocks, (library.timing.substeps + 1) * lanes)
+        self.out = _zeros(blocks, a1.OUT_SIZE)
         self._lane_cloud = np.zeros((blocks, lanes, magnets), dtype=np.int64)
         self._clouds: dict[bytes, int] = {}
-        self.clouds = np.zeros((0, library.clouds.shape[1] * a1.SOURCE_STRIDE))
+        self.clouds = _zeros(0, library.clouds.shape[1] * a1.SOURCE_STRIDE)
         self.cloud_of = np.zeros((blocks, magnets), dtype=np.int64)
         self._all = np.arange(blocks)
         count = min(threads or cores(), blocks)
-        self._workspaces = [np.zeros(a1.workspace_size(nodes, dof)) for _ in range(count)]
+        self._workspaces = [_zeros(1, a1.workspace_size(nodes, dof))[0] for _ in range(count)]
         self.take(np.arange(n), np.zeros(n, dtype=np.int64))
         self._idle_rest(blocks * lanes - n)
 
@@ -157,7 +156,9 @@ class LaneArrays:
                 number = self._clouds.setdefault(mix.tobytes(), len(self._clouds))
                 if number == len(self.clouds):
                     stacked = self.library.clouds[mix].transpose(1, 2, 0).reshape(1, -1)
-                    self.clouds = np.ascontiguousarray(np.vstack([self.clouds, stacked]))
+                    clouds = _zeros(number + 1, stacked.shape[1])
+                    clouds[:number], clouds[number] = self.clouds, stacked
+                    self.clouds = clouds
                 self.cloud_of[block, m] = number
 
     def write(
@@ -181,14 +182,9 @@ class LaneArrays:
 
     def lay_at_rest(self, lanes: np.ndarray, tip_arclength: np.ndarray | float) -> None:
         """Wires of `lanes` at rest behind tips at `tip_arclength`; `refresh` must follow."""
-        block, lane = np.divmod(lanes, a1.LANES)
-        chosen = np.zeros((len(self.par), a1.LANES), dtype=np.bool_)
-        chosen[block, lane] = True
-        self._tip_arclength[block, lane] = tip_arclength
-        a1.lay_at_rest(
-            np.unique(block), chosen, self._tip_arclength, self.wire, self.par, self.library.table, self.s, self.v,
-            self._workspaces[0],
-        )  # fmt: skip
+        tips = np.empty(len(lanes))
+        tips[:] = tip_arclength
+        a1.lay_at_rest(lanes, tips, self.wire, self.par, self.library.table, self.s, self.v, self._workspaces[0])
 
     def refresh(self, lanes: np.ndarray) -> None:
         """Bring the loads in `out` up to date with the state of `lanes`."""
@@ -196,7 +192,7 @@ class LaneArrays:
         def run(blocks: np.ndarray, work: np.ndarray) -> None:
             a1.refresh(
                 blocks, self.par, self.library.rig, self.magnets, self.clouds, self.cloud_of, self.library.sources,
-                self.library.table, self.s, self.v, self.q, self.out, work,
+                self.library.table, self.s, self.q, self.out,
             )  # fmt: skip
 
         share_out(run, np.unique(np.asarray(lanes) // a1.LANES), self._workspaces, self.threads)
@@ -232,6 +228,13 @@ class LaneArrays:
     def results(self, field: int) -> np.ndarray:
         """A copy of three consecutive results, (n, 3)."""
         return np.stack([self.result(field + i * a1.LANES) for i in range(3)], axis=1)
+
+
+def _zeros(rows: int, columns: int) -> np.ndarray:
+    """Zeros that start on a cache line, which no vector of 64 bytes then straddles."""
+    flat = np.zeros(rows * columns + 8)
+    first = -(flat.ctypes.data // 8) % 8
+    return flat[first : first + rows * columns].reshape(rows, columns)
 
 
 def _slots(scenario: Scenario) -> np.ndarray:

@@ -1,0 +1,303 @@
+"""A number for every wire of a block, as one value that Numba compiles to vector instructions.
+
+Inside a kernel a `Lanes` is used like a float: ``+ - * /``, comparisons (which give a mask), `where`, `sqrt`,
+`minimum`; `load` and `store` move it from and to `LANES` neighbouring numbers of an array. Written as loops over the
+lanes, the same kernel was five times slower: the compiler left half of the loops scalar, for the sign of an index, a
+gather or a possible overlap it could not rule out.
+
+Numba's cache does not see changes in this file: after one, touch `algorithm1.py`.
+"""
+
+from __future__ import annotations
+
+import operator
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.imputils import lower_builtin
+from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
+from numba.extending import intrinsic, models, register_model
+
+__all__ = [
+    "LANES", "absolute", "anywhere", "floor", "gather", "load", "maximum", "minimum", "reciprocal", "rint", "rsqrt",
+    "spread", "sqrt", "store", "where",
+]  # fmt: skip
+
+LANES = 16
+"""Wires in a block."""
+
+_FAST = ("contract", "nsz", "arcp")
+_DOUBLES = ir.VectorType(ir.DoubleType(), LANES)
+_FLOATS = ir.VectorType(ir.FloatType(), LANES)
+_INTS = ir.VectorType(ir.IntType(64), LANES)
+_BITS = ir.VectorType(ir.IntType(1), LANES)
+
+
+class _LanesType(types.Type):
+    def __init__(self) -> None:
+        super().__init__(name=f"Lanes{LANES}")
+
+
+class _MaskType(types.Type):
+    def __init__(self) -> None:
+        super().__init__(name=f"Mask{LANES}")
+
+
+lanes_type, mask_type = _LanesType(), _MaskType()
+
+
+@register_model(_LanesType)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, manager, kind) -> None:
+        super().__init__(manager, kind, _DOUBLES)
+
+
+@register_model(_MaskType)
+class _MaskModel(models.PrimitiveModel):
+    def __init__(self, manager, kind) -> None:
+        super().__init__(manager, kind, _BITS)
+
+
+# --- operators --------------------------------------------------------------------------------------------------------
+
+
+def _splat(builder, value, vector=_DOUBLES):
+    one = builder.insert_element(ir.Constant(vector, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
+    zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    return builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), zeros)
+
+
+def _constant(value: float):
+    return ir.Constant(_DOUBLES, [value] * LANES)
+
+
+def _as_lanes(context, builder, value, kind):
+    if kind == lanes_type:
+        return value
+    return _splat(builder, context.cast(builder, value, kind, types.float64))
+
+
+_PAIRS = ((lanes_type, lanes_type), (lanes_type, types.float64), (types.float64, lanes_type))
+
+
+def _binary(op, result, build) -> None:
+    @infer_global(op)
+    class _(ConcreteTemplate):
+        cases = [signature(result, *pair) for pair in _PAIRS]  # noqa: RUF012
+
+    for pair in _PAIRS:
+
+        @lower_builtin(op, *pair)
+        def lower(context, builder, sig, args):
+            a, b = (_as_lanes(context, builder, v, k) for v, k in zip(args, sig.args, strict=True))
+            return build(builder, a, b)
+
+
+_binary(operator.add, lanes_type, lambda builder, a, b: builder.fadd(a, b, flags=_FAST))
+_binary(operator.sub, lanes_type, lambda builder, a, b: builder.fsub(a, b, flags=_FAST))
+_binary(operator.mul, lanes_type, lambda builder, a, b: builder.fmul(a, b, flags=_FAST))
+_binary(operator.truediv, lanes_type, lambda builder, a, b: builder.fdiv(a, b, flags=_FAST))
+for _op, _sign in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">=")):
+    _binary(_op, mask_type, lambda builder, a, b, sign=_sign: builder.fcmp_ordered(sign, a, b))
+
+
+@infer_global(operator.neg)
+class _Neg(ConcreteTemplate):
+    cases = [signature(lanes_type, lanes_type)]  # noqa: RUF012
+
+
+@lower_builtin(operator.neg, lanes_type)
+def _lower_neg(context, builder, sig, args):
+    return builder.fneg(args[0])
+
+
+def _logic(op, build) -> None:
+    @infer_global(op)
+    class _(ConcreteTemplate):
+        cases = [signature(mask_type, mask_type, mask_type)]  # noqa: RUF012
+
+    @lower_builtin(op, mask_type, mask_type)
+    def lower(context, builder, sig, args):
+        return build(builder, *args)
+
+
+_logic(operator.and_, lambda builder, a, b: builder.and_(a, b))
+_logic(operator.or_, lambda builder, a, b: builder.or_(a, b))
+
+
+def _call(builder, name, result, args):
+    kind = ir.FunctionType(result, [a.type for a in args])
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), args)
+
+
+# --- functions --------------------------------------------------------------------------------------------------------
+
+
+def _address(context, builder, array_type, array, index):
+    data = context.make_array(array_type)(context, builder, value=array).data
+    return builder.bitcast(builder.gep(data, [index]), _DOUBLES.as_pointer())
+
+
+@intrinsic
+def load(typingctx, array, index):
+    """`LANES` numbers of `array` from `index` on."""
+
+    def codegen(context, builder, sig, args):
+        return builder.load(_address(context, builder, sig.args[0], *args), align=8)
+
+    return lanes_type(array, types.intp), codegen
+
+
+@intrinsic
+def store(typingctx, array, index, value):
+    """Write `LANES` numbers of `array` from `index` on."""
+
+    def codegen(context, builder, sig, args):
+        value = _as_lanes(context, builder, args[2], sig.args[2])
+        builder.store(value, _address(context, builder, sig.args[0], args[0], args[1]), align=8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, value), codegen
+
+
+@intrinsic
+def spread(typingctx, value):
+    """The same number in every lane."""
+
+    def codegen(context, builder, sig, args):
+        return _as_lanes(context, builder, args[0], sig.args[0])
+
+    return lanes_type(types.float64), codegen
+
+
+@intrinsic
+def where(typingctx, mask, a, b):
+    """`a` where the mask holds, else `b`."""
+
+    def codegen(context, builder, sig, args):
+        a, b = (_as_lanes(context, builder, v, k) for v, k in zip(args[1:], sig.args[1:], strict=True))
+        return builder.select(args[0], a, b)
+
+    return lanes_type(mask_type, a, b), codegen
+
+
+@intrinsic
+def anywhere(typingctx, mask):
+    """Whether the mask holds in any lane."""
+
+    def codegen(context, builder, sig, args):
+        bits = builder.bitcast(args[0], ir.IntType(LANES))
+        return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
+
+    return types.boolean(mask_type), codegen
+
+
+def _extremum(sign: str):
+    def typed(typingctx, a, b):
+        def codegen(context, builder, sig, args):
+            a, b = (_as_lanes(context, builder, v, k) for v, k in zip(args, sig.args, strict=True))
+            return builder.select(builder.fcmp_ordered(sign, a, b), a, b)
+
+        return lanes_type(a, b), codegen
+
+    return typed
+
+
+minimum = intrinsic(_extremum("<"))
+maximum = intrinsic(_extremum(">"))
+
+
+def _llvm(name: str):
+    def typed(typingctx, x):
+        def codegen(context, builder, sig, args):
+            return _call(builder, f"llvm.{name}.v{LANES}f64", _DOUBLES, args)
+
+        return lanes_type(lanes_type), codegen
+
+    return typed
+
+
+sqrt = intrinsic(_llvm("sqrt"))
+floor = intrinsic(_llvm("floor"))
+rint = intrinsic(_llvm("rint"))
+absolute = intrinsic(_llvm("fabs"))
+
+
+@intrinsic
+def gather(typingctx, array, index, offset):
+    """``array[index + offset]``, `index` a whole number a lane."""
+
+    def codegen(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, value=args[0]).data
+        first = builder.ptrtoint(builder.gep(data, [args[2]]), ir.IntType(64))
+        shift = ir.Constant(_INTS, [3] * LANES)
+        where_to = builder.shl(builder.fptosi(args[1], _INTS), shift)
+        address = builder.inttoptr(
+            builder.add(where_to, _splat(builder, first, _INTS)), ir.VectorType(ir.DoubleType().as_pointer(), LANES)
+        )
+        every = ir.Constant(_BITS, [1] * LANES)
+        align = ir.Constant(ir.IntType(32), 8)
+        name = f"llvm.masked.gather.v{LANES}f64.v{LANES}p0"
+        return _call(builder, name, _DOUBLES, [address, align, every, ir.Constant(_DOUBLES, ir.Undefined)])
+
+    return lanes_type(array, lanes_type, types.intp), codegen
+
+
+def _estimate(context, builder, name, x):
+    """The processor's 14-bit estimate of 1/x or 1/√x, by halves of 8 lanes; None where it has none."""
+    if "+avx512f" not in str(context.codegen().magic_tuple()) or LANES % 8:
+        return None
+    eight = ir.VectorType(ir.DoubleType(), 8)
+    undefined, every = ir.Constant(eight, ir.Undefined), ir.Constant(ir.IntType(8), -1)
+    parts = []
+    for first in range(0, LANES, 8):
+        numbers = ir.Constant(ir.VectorType(ir.IntType(32), 8), list(range(first, first + 8)))
+        part = builder.shuffle_vector(x, ir.Constant(_DOUBLES, ir.Undefined), numbers)
+        parts.append(_call(builder, f"llvm.x86.avx512.{name}.pd.512", eight, [part, undefined, every]))
+    while len(parts) > 1:
+        width = parts[0].type.count * 2
+        numbers = ir.Constant(ir.VectorType(ir.IntType(32), width), list(range(width)))
+        parts = [builder.shuffle_vector(a, b, numbers) for a, b in zip(parts[::2], parts[1::2], strict=True)]
+    return parts[0]
+
+
+@intrinsic
+def rsqrt(typingctx, x):
+    """1/√x to rounding, for x in [1e-37, 1e37].
+
+    From the processor's estimate, or one in single precision, by Newton steps.
+    """
+
+    def codegen(context, builder, sig, args):
+        x, steps = args[0], 2
+        y = _estimate(context, builder, "rsqrt14", x)
+        if y is None:
+            root = _call(builder, f"llvm.sqrt.v{LANES}f32", _FLOATS, [builder.fptrunc(x, _FLOATS)])
+            one = ir.Constant(_FLOATS, [1.0] * LANES)
+            y = builder.fpext(builder.fdiv(one, root, flags=_FAST), _DOUBLES)
+        for _ in range(steps):
+            xy = builder.fmul(x, y, flags=_FAST)
+            rest = builder.fsub(
+                _constant(0.5), builder.fmul(builder.fmul(_constant(0.5), xy, flags=_FAST), y, flags=_FAST), flags=_FAST
+            )
+            y = builder.fadd(y, builder.fmul(y, rest, flags=_FAST), flags=_FAST)
+        return y
+
+    return lanes_type(lanes_type), codegen
+
+
+@intrinsic
+def reciprocal(typingctx, x):
+    """1/x to rounding, for |x| in [1e-37, 1e37]."""
+
+    def codegen(context, builder, sig, args):
+        x = args[0]
+        y = _estimate(context, builder, "rcp14", x)
+        if y is None:
+            return builder.fdiv(_constant(1.0), x, flags=_FAST)
+        for _ in range(2):
+            rest = builder.fsub(_constant(1.0), builder.fmul(x, y, flags=_FAST), flags=_FAST)
+            y = builder.fadd(y, builder.fmul(y, rest, flags=_FAST), flags=_FAST)
+        return y
+
+    return lanes_type(lanes_type), codegen
