@@ -48,8 +48,8 @@ _KICK = 0.05  # rad, off a saddle
 
 
 class _Stride(NamedTuple):
-    """What one step along a branch may be: turn of a segment (rad), way of the tip (in its distance to the nearest
-    dipole), and the shortest step, as a share of the way between two loads, before the branch counts as ended."""
+    """What one step along a branch may be: the turn of a segment (rad), the way of the tip past a dipole (in their
+    distance), and the shortest step, a share of the way between two loads, before the branch counts as ended."""
 
     turn: float
     approach: float
@@ -105,9 +105,9 @@ class FreeRod:
     wire : its segments, stiffness and, for `gravity`, mass
     tip : the magnet at the last node; its moment points along the last segment, outwards
     gravity : (3,) m/s², zero as in the paper
-    contact : m; a tip nearer than this to a dipole of a cloud, or inside the cloud's hull, touches the magnet, and
-        no equilibrium is looked for there. Default: the tip magnet's `reach`, at least 1 % of the wire. Only the
-        tip is watched: the wire itself passes through magnets.
+    contact : m; a tip nearer than this to a dipole of a cloud touches the magnet, and no equilibrium is looked for
+        there. Default: the tip magnet's `reach`, at least 1 % of the wire. A cloud does not know its magnet's body:
+        a tip drawn inside goes on to one of its dipoles, and the wire behind the tip passes through magnets.
     tolerance : on the gradient's norm, in units of E·I/L
 
     A load is given by keywords, all optional:
@@ -163,7 +163,7 @@ class FreeRod:
         """Equilibria under `loads`, a sequence of mappings with the keywords of `equilibrium` (but `start`).
 
         The first is reached as by `equilibrium`, each next from the one before by steps so short that no segment
-        turns by more than 0.3 rad and the tip moves by no more than 30 % of its distance to the nearest dipole. In
+        turns by more than 0.3 rad and no dipole moves, seen from the tip, by more than 30 % of its distance. In
         between, forces and fields are interpolated, and so are the dipoles' positions and moments; a cloud of another
         size fades in where it stands. Where no step is short enough (1/4096 of the way) the branch has ended: a snap.
         A rod that then finds another equilibrium goes on from there; otherwise the path ends, and it and all later
@@ -251,9 +251,9 @@ class FreeRod:
         done, step, jumped = 0.0, 1.0, False
         while done < 1:
             target = min(1.0, done + step)
-            load = after if target == 1 else before.towards(after, target)
+            last, load = before.towards(after, done), before.towards(after, target)
             found = self._minimise(load, shape)
-            excess = self._excess(shape, found, load, stride)
+            excess = self._excess(shape, found, last, load, stride)
             if excess <= 1:
                 done, step, shape = target, 2 * step, found.shape
             elif step > stride.shortest:
@@ -266,15 +266,16 @@ class FreeRod:
                 stride, step = stride._replace(shortest=2 * step), 2 * step
         return shape, jumped
 
-    def _excess(self, shape: Shape, found: _Found, load: Load, stride: _Stride) -> float:
-        """How far the rod went, as a multiple of what `stride` allows; infinite if it found nothing."""
+    def _excess(self, shape: Shape, found: _Found, last: Load, load: Load, stride: _Stride) -> float:
+        """How far rod and magnets went, as a multiple of what `stride` allows; infinite if nothing was found."""
         if not found.converged:
             return math.inf
         chord = np.linalg.norm(found.shape.directions - shape.directions, axis=1).max()
         turn = 2 * math.asin(min(1.0, chord / 2))
-        old, new = self._chain.tip(shape), self._chain.tip(found.shape)
-        near = max(load.distance(old), self._chain.contact)
-        return max(turn / stride.turn, float(np.linalg.norm(new - old)) / near / stride.approach)
+        before = self._chain.tip(shape) - last.positions
+        after = self._chain.tip(found.shape) - load.positions
+        nearer = np.linalg.norm(after - before, axis=1) / np.linalg.norm(before, axis=1)
+        return max(turn / stride.turn, nearer.max(initial=0.0) / stride.approach)
 
     def _minimise(self, load: Load, shape: Shape) -> _Found:
         """A minimum of the energy near `shape`; off saddles, never into contact."""
@@ -286,20 +287,17 @@ class FreeRod:
             "max_trust_radius": math.sqrt(n),
         }
         residual = math.inf
-        if load.distance(self._chain.tip(shape)) < self._chain.contact:
-            return _Found(shape, residual, False, True)
         for _ in range(_CHARTS):
             chart = Chart(self._chain, load, shape)
             try:
                 result = minimize(
                     chart.value, chart.middle, jac=True, hess=chart.damped, method="trust-exact", options=options
                 )
+                shape, residual, stable = self._polish(load, chart.shape(result.x))
             except Touched:
                 return _Found(shape, chart.residual(), False, True)
-            shape, residual, stable = self._polish(load, chart.shape(result.x))
             if residual < self.tolerance and stable:
-                touched = load.distance(self._chain.tip(shape)) < self._chain.contact
-                return _Found(shape, residual, not touched, touched)
+                return _Found(shape, residual, True, False)
             if residual < _COARSE and not stable:
                 shape = _off_saddle(Chart(self._chain, load, shape))
         return _Found(shape, residual, False, False)
@@ -327,8 +325,8 @@ class FreeRod:
 def _off_saddle(chart: Chart) -> Shape:
     """The shape in the middle of `chart`, kicked downhill.
 
-    The kick is a small turn towards +z and a little +y, so that a symmetric rod always buckles the same way, as far
-    as it lies in the directions of negative curvature.
+    The kick is what a small turn towards +z and a little +y has in the directions of negative curvature, so that the
+    way a symmetric rod buckles does not hang on how the eigenvectors of a double root come out.
     """
     values, modes = eigh(chart.hessian(chart.middle))
     falling = modes[:, values < max(0.0, 0.5 * values[0])]

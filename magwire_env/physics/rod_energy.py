@@ -11,13 +11,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from .guidewire import Guidewire
 
 __all__ = ["Chain", "Chart", "Load", "Shape", "Touched"]
 
-_TOUCHES = 6  # a step may overshoot into a magnet and be cut back; this often, the descent ends there
 _NEUTRAL = 2.5e-6  # stiffness, in E·I/L and per segment, below which a mode counts as neutral and not as falling
 
 
@@ -29,7 +27,7 @@ class Shape(NamedTuple):
 
 
 class Touched(Exception):
-    """The descent leads into a magnet."""
+    """The tip has come into contact with a magnet."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +36,7 @@ class Load:
 
     pull : (N, 3), the dead force each segment carries (tip force, and weight of all that hangs on it)
     couple : (3,), m B of the uniform field
-    positions, moments : (K, 3), dipoles; a unit moment of theirs has the tip's energy built in
+    positions, moments : (K, 3), dipoles; moments scaled by the tip's, so that their field along d̂ is an energy
     """
 
     pull: np.ndarray
@@ -61,20 +59,6 @@ class Load:
     def unloaded(self) -> Load:
         """The same dipoles in the same place, all strengths zero."""
         return Load(0 * self.pull, 0 * self.couple, self.positions, 0 * self.moments)
-
-    def distance(self, tip: np.ndarray) -> float:
-        """From the tip to the nearest dipole; 0 inside the hull of the cloud, infinite without one."""
-        if not len(self.positions):
-            return math.inf
-        nearest = float(np.linalg.norm(tip - self.positions, axis=1).min())
-        centre = self.positions.mean(axis=0)
-        offsets = self.positions - centre
-        if np.linalg.norm(tip - centre) > np.linalg.norm(offsets, axis=1).max() or len(offsets) < 4:
-            return nearest
-        if np.linalg.matrix_rank(offsets, tol=1e-9) < 3:
-            return nearest
-        sides = ConvexHull(offsets).equations
-        return 0.0 if (sides[:, :3] @ (tip - centre) + sides[:, 3]).max() < 0 else nearest
 
 
 class Chain:
@@ -136,7 +120,6 @@ class Chart:
         self.normal, self.strains = shape
         self.across = _across(self.normal)
         self.middle = np.zeros(self.normal.size)
-        self.touches = 0
 
     def shape(self, p: np.ndarray) -> Shape:
         uvw = p.reshape(-1, 3)
@@ -146,16 +129,13 @@ class Chart:
         return Shape(d, self.strains + self.chain.stretch * uvw[:, 2])
 
     def value(self, p: np.ndarray) -> tuple[float, np.ndarray]:
-        """Energy and its gradient (3N,); infinite in contact and where a segment is inside out."""
+        """Energy and its gradient (3N,); infinite where a segment is inside out. Raises `Touched` in contact."""
         shape = self.shape(p)
         if shape.strains.min() <= -1:
-            return math.inf, np.zeros_like(p)
+            return math.inf, np.full_like(p, math.inf)
         energy, on_d, on_strains = self.chain.first(self.load, shape)
         if not math.isfinite(energy):
-            self.touches += 1
-            if self.touches == _TOUCHES:
-                raise Touched
-            return math.inf, np.zeros_like(p)
+            raise Touched
         gradient = np.empty((len(on_d), 3))
         gradient[:, :2] = np.einsum("nij,nj->ni", self._turns(p, shape.directions), on_d)
         gradient[:, 2] = on_strains * self.chain.stretch
@@ -163,8 +143,10 @@ class Chart:
 
     def residual(self) -> float:
         """Norm of the gradient in the middle of the chart; infinite in contact."""
-        energy, gradient = self.value(self.middle)
-        return float(np.linalg.norm(gradient)) if math.isfinite(energy) else math.inf
+        try:
+            return float(np.linalg.norm(self.value(self.middle)[1]))
+        except Touched:
+            return math.inf
 
     def _turns(self, p: np.ndarray, d: np.ndarray) -> np.ndarray:
         """∂d/∂(u, v), (N, 2, 3)."""
@@ -223,10 +205,8 @@ class Chart:
         lengths = chain.cell * (1 + strains)
         if len(load.moments):
             by_tip, by_both = _dipoles_second(load, chain.tip(shape), d[-1])
-            reach = np.empty((n, 3, 3))  # ∂tip/∂(u, v, w) of every segment
-            reach[:, :2] = lengths[:, None, None] * turns
-            reach[:, 2] = chain.cell * chain.stretch * d
-            reach = reach.reshape(3 * n, 3)
+            stretches = chain.cell * chain.stretch * d[:, None]
+            reach = np.concatenate([lengths[:, None, None] * turns, stretches], axis=1).reshape(3 * n, 3)  # ∂tip/∂p
             h.reshape(3 * n, 3 * n)[...] -= reach @ by_tip @ reach.T
             last = (reach @ by_both @ turns[-1].T).reshape(n, 3, 2)
             h[:, :, -1, :2] -= last

@@ -76,7 +76,7 @@ def random_case(seed: int, with_cloud: bool) -> tuple[FreeRod, np.ndarray, dict]
     rng = np.random.default_rng(seed)
     rod = make_rod(int(rng.integers(2, 9)), gravity=rng.normal(size=3))
     n = rod.wire.segments
-    d = np.cumsum(rng.normal(size=(n, 3)) * 0.5, axis=0) + [1.0, 0, 0]
+    d = np.cumsum(rng.normal(size=(n, 3)) * 0.5, axis=0) + np.array([1.0, 0, 0])
     d *= rng.uniform(0.8, 1.2, size=(n, 1)) * rod.wire.segment_length / np.linalg.norm(d, axis=1)[:, None]
     nodes = np.concatenate([np.zeros((1, 3)), np.cumsum(d, axis=0)])
     load: dict = {
@@ -140,3 +140,17 @@ def test_joint_energy_is_quadratic_in_the_angle_at_any_angle(phi, turn, height):
     assert couple == pytest.approx(0.0, abs=1e-12)  # the last joint is straight
     couple = np.linalg.norm(np.cross(c * cell, rod.forces(nodes)[2:].sum(axis=0)))
     assert couple == pytest.approx(rod.wire.bending_spring * phi, rel=1e-6, abs=1e-11)
+
+
+def test_a_rod_folded_right_back_unfolds():
+    """At φ = π the couple has no direction; the energy is still ½ k π², and no equilibrium."""
+    rod = make_rod(6)
+    for direction in ([1.0, 0, 0], [0, 1.0, 0], [0.6, 0, 0.8]):
+        d = np.array(direction)
+        places = np.array([0, 1, 2, 3, 2, 1, 0.0]) * rod.wire.segment_length
+        folded = places[:, None] * d
+        clamp = math.acos(d[0])
+        expected = 0.5 * rod.wire.bending_spring * (2 * clamp**2 + math.pi**2)
+        assert rod.energy(folded) == pytest.approx(expected, rel=1e-12)
+        straight = np.linspace([0, 0, 0], [LENGTH, 0, 0], 7)
+        np.testing.assert_allclose(rod.equilibrium(start=folded), straight, atol=1e-9)
