@@ -169,7 +169,7 @@ def _scenarios(task: Task, given: Any, coupling: str | None) -> list[Scenario]:
         given = task.scenario()
     elif isinstance(given, (str, Path)):
         given = Scenario.load(given)
-    scenarios = [given] if isinstance(given, Scenario) else list(given)
+    scenarios = list(given) if isinstance(given, (list, tuple)) else [given]
     for sc in scenarios:
         if not isinstance(sc, Scenario):
             raise ValueError(

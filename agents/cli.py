@@ -1,0 +1,78 @@
+"""The `magwire` command."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+import train
+
+__all__ = ["main"]
+
+
+@dataclass
+class Train(train.Config):
+    """Train a policy; the same as `python train.py`."""
+
+
+@dataclass
+class Evaluate:
+    """Evaluate a trained model or a controller over a fixed list of episode seeds."""
+
+    policy: tyro.conf.Positional[str]
+    """A run or model folder, or a controller's name: MaxForce, ConstantRotation, Random."""
+    task: str | None = None
+    """Environment id; by default the model's own task, or MagWire/Steer-v0."""
+    episodes: int = 200
+    """Number of episode seeds."""
+    scenario: str | None = None
+    """A TOML file or a shipped name, in place of the task's scenario."""
+    out: Path | None = None
+    """Write the summary and every episode here as JSON."""
+
+
+def evaluate(options: Evaluate) -> None:
+    """Print a table with the policy beside MaxForce, and write JSON where asked."""
+    from agents.controllers import CONTROLLERS
+    from agents.evaluation import evaluate, table
+    from agents.learning import load
+
+    if options.episodes < 1:
+        raise ValueError(f"episodes must be at least 1, got {options.episodes}")
+    settings = {} if options.scenario is None else {"scenario": options.scenario}
+    task = options.task
+    if options.policy in CONTROLLERS:
+        policy, name = CONTROLLERS[options.policy].from_env, options.policy
+    elif Path(options.policy).is_dir():
+        policy, name = load(options.policy), Path(options.policy).name
+        task = task or policy.meta["task"]
+        settings = policy.meta.get("env", {}) | settings
+    else:
+        raise ValueError(f"policy must be a model folder or one of {', '.join(CONTROLLERS)}; got {options.policy!r}")
+    task = task or "MagWire/Steer-v0"
+    rows = [evaluate(policy, task, options.episodes, name=name, **settings)]
+    if name != "MaxForce":
+        rows.append(evaluate(CONTROLLERS["MaxForce"].from_env, task, options.episodes, name="MaxForce", **settings))
+    if options.out is not None:
+        options.out.write_text(json.dumps({r.policy: r.to_json() for r in rows}, indent=2), encoding="utf-8")
+    print(table(rows))
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run one subcommand; bad input ends with one line and status 1."""
+    commands = (
+        Annotated[Train, tyro.conf.subcommand("train")] | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    )
+    options = tyro.cli(commands, prog="magwire", description=__doc__, args=arguments)  # type: ignore[call-overload]
+    try:
+        if isinstance(options, Evaluate):
+            evaluate(options)
+        else:
+            train.main(options)
+    except (ValueError, FileNotFoundError, FileExistsError) as error:
+        sys.exit(f"magwire: {error}")

@@ -1,0 +1,172 @@
+"""A small run from train.py to a loaded policy, its interruption, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import train
+from agents.cli import main as magwire
+from agents.learning import NativeVecEnv, hyperparameters, load, make_vec_env
+
+ID = "MagWire/Steer-v0"
+ROOT = Path(train.__file__).parent
+SMALL = {"timesteps": 8192, "n_envs": 32, "evaluations": 2, "episodes": 8, "progress": False}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "small"
+    results = train.main(train.Config(run=folder, **SMALL))
+    return folder, results
+
+
+def test_a_run_leaves_everything_behind(run):
+    folder, results = run
+    names = {p.name for p in folder.iterdir()}
+    assert {"config.json", "versions.json", "results.json", "learning_curve.csv", "learning_curve.png"} <= names
+    assert {"best", "last", "tensorboard"} <= names
+    assert json.loads((folder / "results.json").read_text()) == results
+    assert set(results) == {"trained PPO", "MaxForce", "ConstantRotation", "Random"}
+    assert json.loads((folder / "config.json").read_text())["config"]["seed"] == 0
+    assert "torch" in json.loads((folder / "versions.json").read_text())
+    assert (folder / "learning_curve.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_a_loaded_model_brings_its_normalisation(run):
+    policy = load(run[0])
+    observation, _ = gym.make(ID).reset(seed=0)
+    action, _ = policy.predict(observation)
+    raw, _ = policy.model.predict(observation, deterministic=True)
+    assert not np.allclose(action, raw)
+    assert np.allclose(action, policy.model.predict(policy.normalization.normalize_obs(observation), deterministic=True)[0])
+    assert np.array_equal(load(run[0]).predict(observation)[0], action)
+
+
+def test_same_seed_same_model(tmp_path):
+    settings = SMALL | {"timesteps": 2048, "episodes": 1}
+    for name in ("a", "b"):
+        train.main(train.Config(run=tmp_path / name, threads=1, **settings))
+    observation, _ = gym.make(ID).reset(seed=0)
+    first, again = (load(tmp_path / name).predict(observation)[0] for name in ("a", "b"))
+    assert np.array_equal(first, again)
+
+
+def test_a_run_folder_that_exists_is_left_alone(run):
+    folder, _ = run
+    before = (folder / "config.json").read_bytes()
+    with pytest.raises(FileExistsError, match="exists: choose another --run, or --resume"):
+        train.main(train.Config(run=folder, **SMALL))
+    assert (folder / "config.json").read_bytes() == before
+
+
+def test_resume_needs_a_run(tmp_path):
+    with pytest.raises(FileNotFoundError, match="--resume needs --run"):
+        train.main(train.Config(run=tmp_path / "none", resume=True, **SMALL))
+
+
+def test_resume_of_a_finished_run_only_evaluates_again(run):
+    folder, results = run
+    assert train.main(train.Config(run=folder, resume=True, **SMALL)) == results
+
+
+@pytest.mark.parametrize("name", ["model.zip", "normalization.pkl", "model.json"])
+def test_a_truncated_model_file_is_named(run, tmp_path, name):
+    folder = tmp_path / "copy"
+    shutil.copytree(run[0] / "best", folder)
+    content = (folder / name).read_bytes()
+    (folder / name).write_bytes(content[: len(content) // 2])
+    with pytest.raises(ValueError, match=f"{name} is (truncated|damaged)"):
+        load(folder)
+    (folder / name).unlink()
+    with pytest.raises(FileNotFoundError, match=f"holds no {name}"):
+        load(folder)
+
+
+def test_ctrl_c_saves_and_resume_goes_on(tmp_path):
+    folder = tmp_path / "stopped"
+    command = [sys.executable, "train.py", "--run", str(folder), "--timesteps", "400000", "--n-envs", "32"]
+    process = subprocess.Popen(
+        [*command, "--evaluations", "200", "--episodes", "4"], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    deadline = time.monotonic() + 120
+    while not (folder / "best" / "model.json").exists() and time.monotonic() < deadline:
+        time.sleep(0.2)
+    os.kill(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err.decode()
+    assert b"interrupted and saved" in out
+    from agents.learning import load_parts
+
+    done = load_parts(folder / "last")[0].num_timesteps
+    assert 0 < done < 400_000
+    config = json.loads((folder / "config.json").read_text())
+    config["hyperparameters"]["n_timesteps"] = done + 2048
+    (folder / "config.json").write_text(json.dumps(config))
+    results = train.main(train.Config(run=folder, resume=True, episodes=4, progress=False))
+    assert load_parts(folder / "last")[0].num_timesteps >= done + 2048
+    assert results["MaxForce"]["summary"]["episodes"] == 4
+
+
+def test_sac_trains_too(tmp_path):
+    settings = SMALL | {"timesteps": 1024, "evaluations": 1, "episodes": 2}
+    results = train.main(train.Config(run=tmp_path / "sac", algorithm="sac", **settings))
+    assert "trained SAC" in results
+
+
+def test_the_adapter_gives_sb3_what_it_wants():
+    venv = make_vec_env(ID, 4, seed=3, time_limit=0.3)
+    observation = venv.reset()
+    assert np.array_equal(observation[1], gym.make(ID).reset(seed=4)[0])
+    for _ in range(3):
+        observation, reward, done, infos = venv.step(np.zeros((4, 1), dtype=np.float32))
+    assert done.all()
+    for i, info in enumerate(infos):
+        assert info["TimeLimit.truncated"]
+        assert info["episode"]["l"] == 3
+        assert not np.array_equal(info["terminal_observation"], observation[i])
+    with pytest.raises(ValueError, match="autoreset_mode must be SAME_STEP"):
+        NativeVecEnv(gym.make_vec(ID, num_envs=2).unwrapped)
+
+
+def test_hyperparameters_of_an_unknown_algorithm():
+    with pytest.raises(ValueError, match="algorithm must be one of 'ppo', 'sac', got 'dqn'"):
+        hyperparameters("dqn", ID)
+
+
+def test_the_command_evaluates_a_controller_and_a_model(run, tmp_path, capsys):
+    magwire(["evaluate", "MaxForce", "--episodes", "4", "--out", str(tmp_path / "r.json")])
+    assert "| MaxForce | 100.0% |" in capsys.readouterr().out
+    assert json.loads((tmp_path / "r.json").read_text())["MaxForce"]["summary"]["success_rate"] == 1.0
+    magwire(["evaluate", str(run[0]), "--episodes", "4"])
+    assert "| small |" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["evaluate", "NoSuch"], "policy must be a model folder or one of MaxForce"),
+        (["evaluate", "MaxForce", "--episodes", "0"], "episodes must be at least 1"),
+        (["evaluate", "MaxForce", "--scenario", "missing"], "no shipped scenario of that name"),
+        (["train", "--task", "MagWire/None-v9"], "MagWire/None-v9"),
+    ],
+)
+def test_the_command_ends_with_one_line_on_bad_input(arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as stopped:
+        magwire(arguments)
+    message = str(stopped.value)
+    assert message.startswith("magwire: ")
+    assert words in message
+    assert "\n" not in message
+    assert not any(tmp_path.iterdir())

@@ -1,0 +1,118 @@
+"""Bad input is refused by name, before anything is changed."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import magwire_env  # noqa: F401  (registers the ids)
+from magwire_env import Scenario
+
+ID = "MagWire/Steer-v0"
+
+
+@pytest.mark.parametrize(
+    ("action", "words"),
+    [
+        (np.array([np.nan], dtype=np.float32), r"action\[0\] must be numbers in \[-1, 1\]"),
+        (np.zeros(2, dtype=np.float32), r"action must have shape \(1, 1\), got \(1, 2\)"),
+    ],
+)
+def test_a_bad_action_changes_nothing(action, words):
+    env = gym.make(ID, disable_env_checker=True)
+    env.reset(seed=0)
+    env.step(np.array([0.1], dtype=np.float32))
+    before = env.unwrapped.simulator.state()
+    with pytest.raises(ValueError, match=words):
+        env.step(action)
+    assert env.unwrapped.simulator.state() == before
+    assert env.unwrapped.core.steps[0] == 1
+
+
+def test_one_bad_lane_stops_the_whole_batch_before_it_moves():
+    envs = gym.make_vec(ID, num_envs=20)
+    envs.reset(seed=0)
+    actions = np.zeros((20, 1), dtype=np.float32)
+    actions[17] = np.nan
+    before = envs.unwrapped.simulator.state()
+    with pytest.raises(ValueError, match=r"action\[17\]"):
+        envs.step(actions)
+    assert envs.unwrapped.simulator.state() == before
+    with pytest.raises(ValueError, match=r"action must have shape \(20, 1\), got \(19, 1\)"):
+        envs.step(actions[:19])
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"action_mode": "torque"}, "action_mode must be one of 'angle', 'rate', 'direction', got 'torque'"),
+        ({"observe": ("tip_arclength", "colour")}, "got 'colour'"),
+        ({"observe": ()}, "observe must name different channels"),
+        ({"reward": "shaped"}, "reward must be one of 'dense', 'sparse', got 'shaped'"),
+        ({"reward": 3}, "reward must be 'dense', 'sparse' or RewardWeights, got 3"),
+        ({"time_limit": -1}, "time_limit must be greater than 0 .in s., got -1"),
+        ({"coupling": "lorentz"}, "coupling must be one of 'force', 'wrench', got 'lorentz'"),
+        ({"scenario": 7}, "scenario must be"),
+        ({"task": "MagWire/Fly-v0"}, "task must be one of"),
+    ],
+)
+def test_bad_arguments(settings, words):
+    for make in (lambda: gym.make(ID, **settings), lambda: gym.make_vec(ID, num_envs=2, **settings)):
+        with pytest.raises((ValueError, TypeError), match=words):
+            make()
+
+
+def test_a_scenario_that_does_not_exist_names_the_shipped_ones():
+    with pytest.raises(FileNotFoundError, match="shipped: .*paper"):
+        gym.make(ID, scenario="no-such")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"tip": 0.1}, "options must be of tip_arclength, target, magnet_angle; got 'tip'"),
+        ({"tip_arclength": 0.9}, r"options\['tip_arclength'\] must lie in \[0, target\)"),
+        ({"tip_arclength": np.nan}, r"options\['tip_arclength'\] must be finite"),
+        ({"target": 5.0}, r"options\['target'\] must lie in \(0, 0.8\]"),
+        ({"magnet_angle": [1.0, 2.0, 3.0]}, r"options\['magnet_angle'\] must be one number or"),
+    ],
+)
+def test_bad_reset_options_leave_the_episode_as_it_was(options, words):
+    env = gym.make(ID, disable_env_checker=True)
+    env.reset(seed=0)
+    before = env.unwrapped.simulator.state()
+    with pytest.raises(ValueError, match=words):
+        env.reset(options=options)
+    assert env.unwrapped.simulator.state() == before
+
+
+def test_step_before_reset():
+    for env, action in ((gym.make(ID).unwrapped, np.zeros(1)), (gym.make_vec(ID, num_envs=2), np.zeros((2, 1)))):
+        with pytest.raises(gym.error.ResetNeeded):
+            env.step(action)
+
+
+def test_disabled_autoreset_refuses_to_step_an_ended_lane():
+    envs = gym.make_vec(ID, num_envs=2, autoreset_mode="Disabled", time_limit=0.1)
+    envs.reset(seed=0)
+    envs.step(np.zeros((2, 1), dtype=np.float32))
+    with pytest.raises(gym.error.ResetNeeded, match="lane 0 has ended"):
+        envs.step(np.zeros((2, 1), dtype=np.float32))
+
+
+@pytest.mark.parametrize("mask", [np.zeros(2, dtype=bool), np.ones(3, dtype=bool), [True, False], np.ones(2)])
+def test_bad_reset_mask(mask):
+    envs = gym.make_vec(ID, num_envs=2, autoreset_mode="Disabled")
+    with pytest.raises(ValueError, match="reset_mask"):
+        envs.reset(options={"reset_mask": mask})
+
+
+def test_a_list_of_seeds_must_fit():
+    with pytest.raises(ValueError, match=r"seed must be one number or 3 \(num_envs\) of them, got 2"):
+        gym.make_vec(ID, num_envs=3).reset(seed=[1, 2])
+
+
+def test_a_wire_too_long_for_the_task_is_refused():
+    with pytest.raises(ValueError, match="must leave a way between the start and the goal"):
+        gym.make(ID, scenario=Scenario.paper().replace(wire__length=0.785))

@@ -1,0 +1,86 @@
+"""Train a steering policy and say how good it is.
+
+    python train.py                                  # PPO on MagWire/Steer-v0, about a minute on two cores
+    python train.py --algorithm sac --seed 3
+    python train.py --run runs/mine --resume         # go on where a run stopped
+
+Everything lands in one run folder: config.json, versions.json, checkpoints, the best model with its normalisation,
+learning_curve.png, results.json, TensorBoard logs. Read on from `main`; the parts it calls are in `agents/`.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import tyro
+
+
+@dataclass
+class Config:
+    """What a run is made of."""
+
+    task: str = "MagWire/Steer-v0"
+    """Environment id."""
+    algorithm: Literal["ppo", "sac"] = "ppo"
+    """Learning algorithm; its hyperparameters stand in agents/hyperparameters."""
+    seed: int = 0
+    """Seeds the network, the exploration and the training episodes (lane i has seed + i)."""
+    run: Path | None = None
+    """Run folder; by default runs/<task>-<algorithm>-seed<seed>, with a number if that exists."""
+    timesteps: int | None = None
+    """Environment steps; by default the YAML's."""
+    n_envs: int | None = None
+    """Lanes of the batch; by default the YAML's."""
+    scenario: str | None = None
+    """A TOML file or a shipped name, in place of the task's scenario."""
+    threads: int | None = None
+    """Torch threads; by default one for each core."""
+    evaluations: int = 10
+    """Evaluations on held-out seeds along the way; the best model of them is kept."""
+    episodes: int = 200
+    """Episodes of the final evaluation."""
+    resume: bool = False
+    """Go on from the last checkpoint in the run folder."""
+    progress: bool = field(default_factory=lambda: sys.stderr.isatty())
+    """Show a progress bar."""
+
+
+def main(config: Config) -> dict[str, Any]:
+    """Train, evaluate, write the run folder, print the table; returns what results.json holds."""
+    from agents.controllers import CONTROLLERS
+    from agents.evaluation import evaluate, table
+    from agents.learning import load
+    from agents.training import Run, learn, learning_curve
+
+    run = Run.open(config)
+    print(f"run folder: {run.folder}")
+
+    # 1. Learn: periodic evaluation on seeds the training never sees, the best model kept, checkpoints, Ctrl-C saves.
+    finished = learn(run)
+    learning_curve(run)
+    if not finished:
+        print(f"interrupted and saved; go on with: python train.py --run {run.folder} --resume")
+        return {}
+
+    # 2. Evaluate the best model beside the paper's own policy and two floors, all on the same episodes.
+    policies = {"trained " + run.algorithm.upper(): load(run.folder)}
+    policies |= {name: CONTROLLERS[name].from_env for name in ("MaxForce", "ConstantRotation", "Random")}
+    rows = [
+        evaluate(policy, run.task, config.episodes, name=name, **run.env_settings) for name, policy in policies.items()
+    ]
+
+    # 3. Leave the results and say them.
+    results = {row.policy: row.to_json() for row in rows}
+    run.write("results.json", results)
+    print(table(rows))
+    return results
+
+
+if __name__ == "__main__":
+    try:
+        main(tyro.cli(Config, description=__doc__))
+    except (ValueError, FileNotFoundError, FileExistsError) as error:
+        sys.exit(f"train.py: {error}")
