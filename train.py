@@ -15,7 +15,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+import gymnasium as gym
 import tyro
+
+BAD_INPUT = (ValueError, FileNotFoundError, FileExistsError, gym.error.Error)
+"""What ends the program with one line in place of a traceback."""
 
 
 @dataclass
@@ -82,5 +86,5 @@ def main(config: Config) -> dict[str, Any]:
 if __name__ == "__main__":
     try:
         main(tyro.cli(Config, description=__doc__))
-    except (ValueError, FileNotFoundError, FileExistsError) as error:
+    except BAD_INPUT as error:
         sys.exit(f"train.py: {error}")

@@ -11,6 +11,7 @@ from typing import Annotated
 import tyro
 
 import train
+from train import BAD_INPUT
 
 __all__ = ["main"]
 
@@ -74,5 +75,5 @@ def main(arguments: list[str] | None = None) -> None:
             evaluate(options)
         else:
             train.main(options)
-    except (ValueError, FileNotFoundError, FileExistsError) as error:
+    except BAD_INPUT as error:
         sys.exit(f"magwire: {error}")

@@ -71,11 +71,12 @@ class Simulator:
     threads : threads a step may use; by default all cores for large batches, one for small
     lane_scenario : (num_envs,) numbers into `scenario`, which is then a pool that lanes draw from with `assign`
 
+    >>> from magwire_env import Scenario, Simulator
     >>> sim = Simulator(Scenario.paper(), num_envs=2)
     >>> sim.reset(tip_arclength=[0.10, 0.12])
     >>> sim.step(np.full((2, 1), 3.5))
     >>> sim.positions.shape
-    (2, 11, 3)
+    (2, 17, 3)
     """
 
     def __init__(
