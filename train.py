@@ -40,8 +40,8 @@ class Config:
     """Lanes of the batch; by default the YAML's."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
-    threads: int | None = None
-    """Torch threads; by default one for each core."""
+    threads: int = 1
+    """Torch threads; these networks are too small for a second one to pay."""
     evaluations: int = 10
     """Evaluations on held-out seeds along the way; the best model of them is kept."""
     episodes: int = 200

@@ -6,7 +6,7 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -45,18 +45,19 @@ def evaluate(options: Evaluate) -> None:
 
     if options.episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {options.episodes}")
-    settings = {} if options.scenario is None else {"scenario": options.scenario}
-    task = options.task
+    settings: dict[str, Any] = {} if options.scenario is None else {"scenario": options.scenario}
+    task, policy = options.task, Path(options.policy)
+    asked: Any
     if options.policy in CONTROLLERS:
-        policy, name = CONTROLLERS[options.policy].from_env, options.policy
-    elif Path(options.policy).is_dir():
-        policy, name = load(options.policy), Path(options.policy).name
-        task = task or policy.meta["task"]
-        settings = policy.meta.get("env", {}) | settings
+        asked, name = CONTROLLERS[options.policy].from_env, options.policy
+    elif policy.is_dir():
+        asked, name = load(policy), policy.name
+        task = task or asked.meta["task"]
+        settings = asked.meta.get("env", {}) | settings
     else:
         raise ValueError(f"policy must be a model folder or one of {', '.join(CONTROLLERS)}; got {options.policy!r}")
     task = task or "MagWire/Steer-v0"
-    rows = [evaluate(policy, task, options.episodes, name=name, **settings)]
+    rows = [evaluate(asked, task, options.episodes, name=name, **settings)]
     if name != "MaxForce":
         rows.append(evaluate(CONTROLLERS["MaxForce"].from_env, task, options.episodes, name="MaxForce", **settings))
     if options.out is not None:
@@ -66,9 +67,7 @@ def evaluate(options: Evaluate) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run one subcommand; bad input ends with one line and status 1."""
-    commands = (
-        Annotated[Train, tyro.conf.subcommand("train")] | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
-    )
+    commands = Annotated[Train, tyro.conf.subcommand("train")] | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     options = tyro.cli(commands, prog="magwire", description=__doc__, args=arguments)  # type: ignore[call-overload]
     try:
         if isinstance(options, Evaluate):

@@ -72,11 +72,13 @@ class Episodes:
 
     def to_json(self) -> dict[str, Any]:
         """The summary and every episode; numbers that do not exist are null."""
-        clean = {
-            k: (v if isinstance(v, str) else [None if x != x else x for x in v.tolist()]) for k, v in asdict(self).items()
-        }
-        summary = {k: (None if v != v else v) for k, v in self.summary().items()}
+        clean = {k: v if isinstance(v, str) else _no_nan(v.tolist()) for k, v in asdict(self).items()}
+        summary = dict(zip(self.summary(), _no_nan(list(self.summary().values())), strict=True))
         return {"summary": summary, "episodes": clean}
+
+
+def _no_nan(values: list[Any]) -> list[Any]:
+    return [None if x != x else x for x in values]
 
 
 def evaluate(
@@ -118,9 +120,9 @@ def evaluate(
     return Episodes(name or type(policy).__name__, success=success, reward=reward_sum, **results)
 
 
-def table(rows: list[Episodes], reference: str | None = "MaxForce") -> str:
+def table(rows: list[Episodes], reference: str = "MaxForce") -> str:
     """A Markdown table, one line a policy; times also as a ratio to `reference` on the episodes both finished."""
-    head = ["policy", "success", "median time to goal [s] (95 %)", "time / " + (reference or "–"), "peak lateral force [mN]"]
+    head = ["policy", "success", "median time to goal [s] (95 %)", f"time / {reference}", "peak lateral force [mN]"]
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     against = next((r for r in rows if r.policy == reference), None)
     for row in rows:

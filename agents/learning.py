@@ -23,7 +23,18 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 import magwire_env  # noqa: F401  (registers the ids)
 from magwire_env.envs.vector_env import MagWireVectorEnv
 
-__all__ = ["ALGORITHMS", "NativeVecEnv", "TrainedPolicy", "hyperparameters", "load", "make_model", "make_vec_env", "save"]
+__all__ = [
+    "ALGORITHMS",
+    "NativeVecEnv",
+    "TrainedPolicy",
+    "frozen",
+    "hyperparameters",
+    "load",
+    "load_parts",
+    "make_model",
+    "make_vec_env",
+    "save",
+]
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 _YAML = Path(__file__).parent / "hyperparameters"
@@ -66,6 +77,7 @@ class NativeVecEnv(VecEnv):
         done = terminated | truncated
         out = [self._quiet] * self.num_envs
         final = self.env.final_observation
+        assert final is not None  # there since the first step, in SAME_STEP mode
         for lane in np.flatnonzero(done):
             last = infos["final_info"]
             out[lane] = {
@@ -107,8 +119,10 @@ def hyperparameters(algorithm: str, task: str) -> dict[str, Any]:
 
 def make_vec_env(task: str, n_envs: int, seed: int | None = None, **settings: Any) -> NativeVecEnv:
     """The native batch of `task` for SB3."""
-    env = gym.make_vec(task, num_envs=n_envs, autoreset_mode="SameStep", **settings)
-    return NativeVecEnv(env.unwrapped, seed)
+    env = gym.make_vec(task, num_envs=n_envs, autoreset_mode="SameStep", **settings).unwrapped
+    if not isinstance(env, MagWireVectorEnv):
+        raise ValueError(f"task must be an id of MagWire/…, got {task!r}")
+    return NativeVecEnv(env, seed)
 
 
 def make_model(
@@ -160,8 +174,10 @@ class TrainedPolicy:
     ) -> tuple[np.ndarray, Any]:
         """As SB3's: observation (size,) or (n, size) → action and state."""
         if self.normalization is not None:
-            observation = self.normalization.normalize_obs(observation)
-        return self.model.predict(observation, state=state, episode_start=episode_start, deterministic=deterministic)
+            normal = self.normalization.normalize_obs(observation)
+        else:
+            normal = observation
+        return self.model.predict(normal, state=state, episode_start=episode_start, deterministic=deterministic)
 
 
 def frozen(model: BaseAlgorithm) -> TrainedPolicy:
@@ -188,7 +204,9 @@ def load(folder: str | Path) -> TrainedPolicy:
     return TrainedPolicy(model, normalization, meta)
 
 
-def load_parts(folder: str | Path, venv: VecEnv | None = None) -> tuple[BaseAlgorithm, VecNormalize | None, dict[str, Any]]:
+def load_parts(
+    folder: str | Path, venv: VecEnv | None = None
+) -> tuple[BaseAlgorithm, VecNormalize | None, dict[str, Any]]:
     """Model, normalisation and meta of a saved folder; with `venv` ready to train on."""
     folder = Path(folder)
     if (folder / "best" / "model.zip").exists():

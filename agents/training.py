@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
@@ -62,7 +61,7 @@ class Run:
         folder = Path(config.run) if config.run is not None else _free_folder(config)
         if folder.exists():
             raise FileExistsError(f"run folder {folder} exists: choose another --run, or --resume to go on with it")
-        make_vec_env(config.task, 1, **_env_settings(asked))  # a task or scenario that does not exist fails before writing
+        make_vec_env(config.task, 1, **_env_settings(asked))  # what does not exist fails before writing
         folder.mkdir(parents=True)
         run = cls(folder, asked, settings)
         run.write("config.json", {"config": asked, "hyperparameters": settings})
@@ -96,7 +95,7 @@ def learn(run: Run) -> bool:
     """Train to the end; false if Ctrl-C stopped it, after saving a checkpoint."""
     settings = dict(run.settings)
     n_envs, total = settings.pop("n_envs"), settings.pop("n_timesteps")
-    torch.set_num_threads(run.config["threads"] or _cores())
+    torch.set_num_threads(run.config["threads"])
     venv = make_vec_env(run.task, n_envs, seed=run.config["seed"], **run.env_settings)
     if run.resume:
         model, _, _ = load_parts(run.folder / "last", venv)
@@ -186,7 +185,8 @@ def learning_curve(run: Run) -> None:
     steps = np.array([r["timesteps"] for r in rows]) / 1e6
     figure, (top, bottom) = plt.subplots(2, 1, sharex=True, figsize=(7, 5), layout="constrained")
     top.plot(steps, [100 * r["success_rate"] for r in rows], "o-", color="#0072B2")
-    top.set(ylabel="success [%]", ylim=(-5, 105), title=f"{run.task}, {run.algorithm.upper()}, seed {run.config['seed']}")
+    title = f"{run.task}, {run.algorithm.upper()}, seed {run.config['seed']}"
+    top.set(ylabel="success [%]", ylim=(-5, 105), title=title)
     bottom.plot(steps, [r["median_time_s"] for r in rows], "o-", color="#D55E00")
     bottom.set(ylabel="median time to goal [s]", xlabel="environment steps [millions]")
     for axes in (top, bottom):
@@ -240,9 +240,3 @@ def _free_folder(config: Any) -> Path:
 
 def _versions() -> dict[str, str]:
     return {"python": platform.python_version(), "machine": platform.machine()} | {p: version(p) for p in _PACKAGES}
-
-
-def _cores() -> int:
-    from magwire_env.simulation.threads import cores
-
-    return cores()

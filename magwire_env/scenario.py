@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .physics.checks import finite, non_negative, one_of, positive, vector
+from .physics.checks import finite, non_negative, one_of, positive, vector, whole
 from .physics.dipoles import field_gradient
 from .physics.guidewire import Guidewire
 from .physics.magnets import RULES, BlockMagnet, CylinderMagnet, Magnet, PointDipole
@@ -97,11 +97,15 @@ class ActuatedMagnet:
         if len(turns) > 2 or len(set(slides)) != len(slides):
             raise ValueError(f"ActuatedMagnet.dofs must hold at most two turns and one slide an axis, got {self.dofs}")
         if self.dipoles:
+            if not isinstance(self.dipoles, (tuple, list)) or len(self.dipoles) != 2:
+                raise ValueError(f"ActuatedMagnet.dipoles must be (rule, n) or empty, got {self.dipoles!r}")
             rule, n = self.dipoles
             one_of("ActuatedMagnet.dipoles", rule, RULES)
-            n = tuple(int(c) for c in n) if isinstance(n, (tuple, list)) else n
-            object.__setattr__(self, "dipoles", (rule, n))
-            self.magnet.dipoles(rule, n)
+            try:
+                self.magnet.dipoles(rule, n)
+            except ValueError as error:
+                raise ValueError(f"ActuatedMagnet.dipoles: {error}") from None
+            object.__setattr__(self, "dipoles", (rule, tuple(map(int, n)) if isinstance(n, (tuple, list)) else int(n)))
 
     def distance_to(self, points: np.ndarray) -> float:
         """Smallest distance from `points` (n, 3) m to the magnet's centre over the range of its slides, m."""
@@ -165,8 +169,7 @@ class Timing:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "control_period", positive("Timing.control_period", self.control_period, "s"))
-        if int(self.substeps) != self.substeps or self.substeps < 1:
-            raise ValueError(f"Timing.substeps must be a whole number of at least 1, got {self.substeps!r}")
+        object.__setattr__(self, "substeps", whole("Timing.substeps", self.substeps, 1))
 
 
 @dataclass(frozen=True)
@@ -351,8 +354,10 @@ def _from_toml(kind: Any, tree: Any, where: str) -> Any:
     if origin in (typing.Union, types.UnionType) and any(a in _KIND_OF for a in args):
         return _tagged(args, tree, where)
     if dataclasses.is_dataclass(kind):
-        return _built(kind, tree, where)
-    if origin is tuple and isinstance(tree, list):
+        return _built(typing.cast(type, kind), tree, where)
+    if origin is tuple:
+        if not isinstance(tree, list):
+            raise ValueError(f"{where} must be a list, got {tree!r}")
         inner = args[0] if len(args) == 2 and args[1] is Ellipsis else None
         items = [_from_toml(inner if inner else a, t, f"{where}[{i}]") for i, (t, a) in enumerate(_zip(tree, args))]
         return tuple(items)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -79,7 +79,7 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
     * v0: first
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "render_fps": 10}
+    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 10}  # noqa: RUF012  (Gymnasium declares it so)
 
     def __init__(
         self,

@@ -96,7 +96,7 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise gym.error.ResetNeeded(
                 f"lane {int(np.flatnonzero(self._ended)[0])} has ended: reset it with options={{'reset_mask': …}} first"
             )
-        again = np.flatnonzero(self._ended) if self.autoreset_mode == AutoresetMode.NEXT_STEP else ()
+        again = np.flatnonzero(self._ended) if self.autoreset_mode == AutoresetMode.NEXT_STEP else np.empty(0, np.int64)
         reward, terminated, truncated, info = self.core.step(actions)
         if len(again):
             reward[again] = 0.0
@@ -104,7 +104,7 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._ended = terminated | truncated
         done = np.flatnonzero(self._ended)
         spoken = np.ones(self.num_envs, dtype=np.bool_)
-        spoken[list(again)] = False
+        spoken[again] = False
         infos = _masked(info, spoken)
         if len(done):
             summary = {k: _spread(v, done, self.num_envs) for k, v in self.core.summary(done).items()}

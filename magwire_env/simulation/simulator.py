@@ -218,7 +218,7 @@ class Simulator:
         shape = (k, horizon) if single else (n, k, horizon)
         arrays = results.transpose(0, 2, 1).reshape(6, *shape)
         time = state.time[source] + horizon * self.control_period
-        return Trajectories(*arrays, SimulatorState(*moves.read(lanes), time, state.lanes[source]))
+        return Trajectories(*arrays, SimulatorState(*moves.read(lanes), time, state.lanes[source]))  # type: ignore[call-arg]
 
     # --- looking at it ----------------------------------------------------------------------------------------------
 

@@ -49,7 +49,9 @@ def test_a_loaded_model_brings_its_normalisation(run):
     action, _ = policy.predict(observation)
     raw, _ = policy.model.predict(observation, deterministic=True)
     assert not np.allclose(action, raw)
-    assert np.allclose(action, policy.model.predict(policy.normalization.normalize_obs(observation), deterministic=True)[0])
+    assert np.allclose(
+        action, policy.model.predict(policy.normalization.normalize_obs(observation), deterministic=True)[0]
+    )
     assert np.array_equal(load(run[0]).predict(observation)[0], action)
 
 
@@ -129,7 +131,7 @@ def test_the_adapter_gives_sb3_what_it_wants():
     observation = venv.reset()
     assert np.array_equal(observation[1], gym.make(ID).reset(seed=4)[0])
     for _ in range(3):
-        observation, reward, done, infos = venv.step(np.zeros((4, 1), dtype=np.float32))
+        observation, _, done, infos = venv.step(np.zeros((4, 1), dtype=np.float32))
     assert done.all()
     for i, info in enumerate(infos):
         assert info["TimeLimit.truncated"]
@@ -158,7 +160,7 @@ def test_the_command_evaluates_a_controller_and_a_model(run, tmp_path, capsys):
         (["evaluate", "NoSuch"], "policy must be a model folder or one of MaxForce"),
         (["evaluate", "MaxForce", "--episodes", "0"], "episodes must be at least 1"),
         (["evaluate", "MaxForce", "--scenario", "missing"], "no shipped scenario of that name"),
-        (["train", "--task", "MagWire/None-v9"], "MagWire/None-v9"),
+        (["train", "--task", "MagWire/None-v9"], "exist in namespace MagWire"),
     ],
 )
 def test_the_command_ends_with_one_line_on_bad_input(arguments, words, tmp_path, monkeypatch):

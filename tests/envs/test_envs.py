@@ -142,12 +142,12 @@ def test_success_ends_the_episode_with_time_interpolated_inside_the_step():
     env = gym.make(IDS[0])
     env.reset(seed=0, options={"tip_arclength": 0.4, "target": 0.42, "magnet_angle": 4.0})
     sim, goal = env.unwrapped.simulator, 0.42
-    before = sim.tip_arclength[0]
-    for step in range(1, 100):
-        _, reward, terminated, _, info = env.step(env.unwrapped.core.actuation.action(np.array([[4.0]]))[0])
-        if terminated:
-            break
+    step, terminated = 0, False
+    while not terminated and step < 100:
+        step += 1
         before = sim.tip_arclength[0]
+        action = env.unwrapped.core.actuation.action(np.array([[4.0]]))[0]
+        _, reward, terminated, _, info = env.step(action)
     assert info["is_success"]
     assert info["path_ratio"] == 1.0
     assert before < goal <= sim.tip_arclength[0]
