@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["finite", "in_range", "non_negative", "one_of", "points_array", "positive", "vector"]
+__all__ = ["finite", "in_range", "non_negative", "one_of", "points_array", "positive", "vector", "whole"]
 
 
 def finite(name: str, value: Any, unit: str = "") -> float:
     """Return `value` as a finite float or raise `ValueError` naming it."""
     try:
+        if isinstance(value, (str, bytes, bool)):  # float() would take "5" for 5 and True for 1
+            raise TypeError
         number = float(value)
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be a number{_in(unit)}, got {value!r}") from None
@@ -46,6 +48,17 @@ def in_range(name: str, value: Any, low: float, high: float, unit: str = "") -> 
     return number
 
 
+def whole(name: str, value: Any, least: int) -> int:
+    """Return `value` as an int >= `least` or raise `ValueError` naming it."""
+    try:
+        number = int(value)
+        if isinstance(value, (str, bytes, bool)) or number != value or number < least:
+            raise ValueError
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}") from None
+    return number
+
+
 def one_of(name: str, value: Any, allowed: Sequence[str]) -> str:
     """Return `value` if it is one of `allowed` or raise `ValueError` listing them."""
     if value not in allowed:
@@ -56,6 +69,8 @@ def one_of(name: str, value: Any, allowed: Sequence[str]) -> str:
 def vector(name: str, value: Any, length: int = 3, unit: str = "") -> tuple[float, ...]:
     """Return `value` as a tuple of `length` finite floats or raise `ValueError` naming it."""
     try:
+        if isinstance(value, (str, bytes)):
+            raise TypeError
         items = tuple(float(x) for x in value)
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be {length} numbers{_in(unit)}, got {value!r}") from None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from .checks import positive
+from .checks import positive, whole
 
 __all__ = ["Guidewire"]
 
@@ -42,9 +42,7 @@ class Guidewire:
         units = {"length": "m", "radius": "m", "axial_modulus": "Pa", "bending_modulus": "Pa", "density": "kg/m³"}
         for name, unit in units.items():
             object.__setattr__(self, name, positive(f"Guidewire.{name}", getattr(self, name), unit))
-        if isinstance(self.segments, bool) or int(self.segments) != self.segments or self.segments < 2:
-            raise ValueError(f"Guidewire.segments must be a whole number of at least 2, got {self.segments!r}")
-        object.__setattr__(self, "segments", int(self.segments))
+        object.__setattr__(self, "segments", whole("Guidewire.segments", self.segments, 2))
 
     @property
     def area(self) -> float:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from .checks import non_negative, one_of, positive, vector
+from .checks import non_negative, one_of, positive, vector, whole
 from .dipoles import MU0, DipoleCloud
 
 __all__ = ["RULES", "BlockMagnet", "CylinderMagnet", "Magnet", "PointDipole"]
@@ -165,10 +165,11 @@ Magnet = BlockMagnet | CylinderMagnet | PointDipole
 
 def _rule(rule: str, n: Any) -> tuple[str, tuple[int, int, int]]:
     one_of("rule", rule, RULES)
-    counts = (n,) * 3 if np.isscalar(n) else tuple(n)
-    if len(counts) != 3 or any(int(c) != c or c < 1 for c in counts):
+    if not isinstance(n, (tuple, list)):
+        return rule, (whole("n", n, 1),) * 3
+    if len(n) != 3:
         raise ValueError(f"n must be a whole number of at least 1, or three of them, got {n!r}")
-    return rule, (int(counts[0]), int(counts[1]), int(counts[2]))
+    return rule, (whole("n[0]", n[0], 1), whole("n[1]", n[1], 1), whole("n[2]", n[2], 1))
 
 
 def _nodes(rule: str, n: int) -> tuple[np.ndarray, np.ndarray]:
