@@ -7,6 +7,8 @@ the cloud in the magnet's own frame:
     equal dipoles at the centres of equal cells; the paper's 2000 are ``(10, 10, 20)``.
 ``("gauss", n)``
     n points a direction, Gauss–Legendre weighted: far fewer dipoles for the same field.
+``("fitted", n)``
+    n = 9 or 21 dipoles fitted to a cuboid's field outside it, see `fitted_cloud`: fewer still.
 """
 
 from __future__ import annotations
@@ -19,10 +21,11 @@ import numpy as np
 
 from .checks import non_negative, one_of, positive, vector, whole
 from .dipoles import MU0, DipoleCloud
+from .fitted_cloud import SIZES, fitted_points
 
 __all__ = ["RULES", "BlockMagnet", "CylinderMagnet", "Magnet", "PointDipole"]
 
-RULES = ("grid", "gauss")
+RULES = ("grid", "gauss", "fitted")
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,11 @@ class BlockMagnet:
 
     def dipoles(self, rule: str = "gauss", n: Any = 4) -> DipoleCloud:
         """The magnet as a cloud; see the module's text for `rule` and `n`."""
+        if rule == "fitted":
+            if n not in SIZES:
+                raise ValueError(f"n must be one of {', '.join(map(str, SIZES))} for a fitted cloud, got {n!r}")
+            positions, share = fitted_points(self.size, n)
+            return _along_z(positions * np.asarray(self.size) / 2, share * self.moment)
         rule, counts = _rule(rule, n)
         axes, weights = zip(*(_nodes(rule, c) for c in counts), strict=True)
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -165,6 +173,8 @@ Magnet = BlockMagnet | CylinderMagnet | PointDipole
 
 def _rule(rule: str, n: Any) -> tuple[str, tuple[int, int, int]]:
     one_of("rule", rule, RULES)
+    if rule == "fitted":
+        raise ValueError("rule must be 'grid' or 'gauss' for a magnet that is no cuboid, got 'fitted'")
     if not isinstance(n, (tuple, list)):
         return rule, (whole("n", n, 1),) * 3
     if len(n) != 3:
