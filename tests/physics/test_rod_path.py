@@ -6,57 +6,21 @@ import pickle
 import numpy as np
 import pytest
 
-from magwire_env.physics import (
-    MU0,
-    BlockMagnet,
-    CylinderMagnet,
-    DipoleCloud,
-    FreeRod,
-    Guidewire,
-    NotConverged,
+from magwire_env.physics import DipoleCloud, FreeRod, NotConverged
+from magwire_env.validation.magnets import BLOCK, TIP
+from magwire_env.validation.rods import (
+    LENGTH,
+    axial_snap_place,
+    field_unit,
+    make_rod,
+    tip_angle,
 )
-
-LENGTH = 0.1
-TIP = CylinderMagnet(2e-3, 3e-3, 1.37)
-BLOCK = BlockMagnet((0.0508, 0.0508, 0.0508), 1.3)
-
-
-def make_rod(segments: int, stretch: float = 1.0, **options) -> FreeRod:
-    """The paper's wire; `stretch` multiplies its axial modulus, a thousandfold makes it inextensible."""
-    return FreeRod(Guidewire(LENGTH, 2.5e-3, stretch * 600e3, 550e3, 1100.0, segments), TIP, **options)
-
-
-def force_unit(rod: FreeRod) -> float:
-    """E·I/L², N."""
-    return rod.wire.bending_rigidity / rod.wire.length**2
-
-
-def field_unit(rod: FreeRod) -> float:
-    """E·I/(m L), T: the field at which β = 1."""
-    return rod.wire.bending_rigidity / (rod.wire.length * rod.tip.moment)
-
-
-def tip_angle(nodes: np.ndarray) -> float:
-    """Angle of the last segment to the x axis, degrees."""
-    last = nodes[-1] - nodes[-2]
-    return math.degrees(math.atan2(math.hypot(last[1], last[2]), last[0]))
-
-
-def axial_snap(rod: FreeRod, strength: float) -> float:
-    """Distance from the clamp at which a coaxial, aligned dipole snaps the tip to itself, m.
-
-    The rod is then a spring k = E·A/L against F = 3μ0 m1 m2/(2π d⁴): a fold where k = −dF/dd = 4F/d, the tip being
-    drawn out by F/k = d/4, so that the dipole stands at L + 5d/4.
-    """
-    k = rod.wire.axial_rigidity / LENGTH
-    d = (12 * MU0 * strength * TIP.moment / (2 * math.pi * k)) ** 0.2
-    return LENGTH + 1.25 * d
 
 
 @pytest.mark.parametrize("loads", [12, 97])
 def test_path_reports_the_snap_into_contact(loads):
     rod = make_rod(12)
-    expected = axial_snap(rod, 5.0)
+    expected = axial_snap_place(rod, 5.0)
     places = np.linspace(expected + 0.03, expected - 0.011, loads)
     path = rod.path([{"cloud": DipoleCloud([[x, 0, 0]], [[5.0, 0, 0]])} for x in places])
     assert path.snap == np.flatnonzero(places < expected)[0]
@@ -67,7 +31,7 @@ def test_path_reports_the_snap_into_contact(loads):
 
 def test_snap_place_is_sharp():
     rod = make_rod(12)
-    expected = axial_snap(rod, 5.0)
+    expected = axial_snap_place(rod, 5.0)
     for share, snap in ((1 + 2e-5, None), (1 - 2e-5, 1)):
         path = rod.path(
             [{"cloud": DipoleCloud([[x, 0, 0]], [[5.0, 0, 0]])} for x in (expected + 0.02, expected * share)]
@@ -138,7 +102,7 @@ def test_clouds_of_different_size_fade_into_each_other():
 
 def test_a_path_whose_first_load_has_no_equilibrium_says_so():
     rod = make_rod(12)
-    near, far = (DipoleCloud([[x, 0, 0]], [[5.0, 0, 0]]) for x in (axial_snap(rod, 5.0) - 1e-3, 0.4))
+    near, far = (DipoleCloud([[x, 0, 0]], [[5.0, 0, 0]]) for x in (axial_snap_place(rod, 5.0) - 1e-3, 0.4))
     path = rod.path([{"cloud": near}, {"cloud": far}])
     assert path.snap == 0
     assert not path.converged.any()
@@ -147,7 +111,7 @@ def test_a_path_whose_first_load_has_no_equilibrium_says_so():
 
 def test_contact_raises_with_the_residual():
     rod = make_rod(12)
-    cloud = DipoleCloud([[axial_snap(rod, 5.0) - 1e-3, 0, 0]], [[5.0, 0, 0]])
+    cloud = DipoleCloud([[axial_snap_place(rod, 5.0) - 1e-3, 0, 0]], [[5.0, 0, 0]])
     with pytest.raises(NotConverged, match=r"contact with a magnet; gradient norm \S+ E·I/L") as caught:
         rod.equilibrium(cloud)
     assert caught.value.touched
