@@ -7,10 +7,11 @@ from gymnasium.spaces import Box
 
 from ..physics.checks import one_of
 from ..simulation import Simulator
+from . import kernels
 
 __all__ = ["MODES", "Actuation"]
 
-MODES = ("angle", "rate", "direction")
+MODES = ("angle", "rate", "direction")  # in the order of the kernel's numbers for them
 
 
 class Actuation:
@@ -27,32 +28,25 @@ class Actuation:
         self._turns = sim.library.is_turn
         size = sum(2 if turn and mode == "direction" else 1 for turn in self._turns)
         self.space = Box(-1.0, 1.0, (size,), dtype=np.float32)
+        self._shape, self._kind, self._period = (sim.num_envs, size), MODES.index(mode), sim.control_period
 
     def command(self, action: np.ndarray) -> np.ndarray:
         """(n, size) numbers, clipped to [−1, 1] → (n, dof) rad and m. Raises `ValueError` for a wrong shape or NaN."""
-        sim = self._sim
+        command = np.empty((self._sim.dof, self._sim.num_envs))
+        self.write(action, command)
+        return command.T
+
+    def write(self, action: np.ndarray, command: np.ndarray) -> None:
+        """As `command`, into an array (dof, n)."""
         action = np.asarray(action, dtype=np.float64)
-        wanted = (sim.num_envs, self.space.shape[0])
-        if action.shape != wanted:
-            raise ValueError(f"action must have shape {wanted}, got {action.shape}")
-        if np.isnan(action).any():
-            lane = int(np.flatnonzero(np.isnan(action).any(axis=1))[0])
+        if action.shape != self._shape:
+            raise ValueError(f"action must have shape {self._shape}, got {action.shape}")
+        arrays = self._sim.arrays
+        lane = kernels.command_of(
+            self._kind, np.ascontiguousarray(action), self._turns, self._period, arrays.dofs, arrays.q, command
+        )
+        if lane >= 0:
             raise ValueError(f"action[{lane}] must be numbers in [-1, 1], got {action[lane].tolist()}")
-        action = np.clip(action, -1.0, 1.0)
-        speed, low, high = self._dofs()
-        if self.mode == "rate":
-            return sim.magnet + action * speed * sim.control_period
-        if self.mode == "angle":
-            return low + 0.5 * (action + 1.0) * (high - low)
-        command = np.empty((sim.num_envs, sim.dof))
-        at = 0
-        for i, turn in enumerate(self._turns):
-            if turn:
-                command[:, i] = 0.5 * (low[:, i] + high[:, i]) + np.arctan2(action[:, at + 1], action[:, at])
-            else:
-                command[:, i] = low[:, i] + 0.5 * (action[:, at] + 1.0) * (high[:, i] - low[:, i])
-            at += 2 if turn else 1
-        return command
 
     def action(self, command: np.ndarray) -> np.ndarray:
         """The action that gives a command: (n, dof) rad and m → (n, size) float32. What model-based controllers use."""

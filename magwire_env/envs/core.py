@@ -12,6 +12,7 @@ import numpy as np
 from ..physics.checks import one_of, positive
 from ..scenario import Scenario
 from ..simulation import Simulator
+from . import kernels
 from .action import Actuation
 from .observation import DEFAULT, Observer
 from .task import TASKS, RewardWeights, Task
@@ -20,6 +21,14 @@ __all__ = ["OPTIONS", "SteeringCore"]
 
 OPTIONS = ("tip_arclength", "target", "magnet_angle")
 """What `reset(options=…)` takes: m, m, and rad (for slides m), each one number or one a lane."""
+
+
+_TERMS = (
+    ("reward/success", kernels.FOR_SUCCESS),
+    ("reward/progress", kernels.FOR_PROGRESS),
+    ("reward/time", kernels.FOR_TIME),
+    ("reward/wall", kernels.FOR_WALL),
+)
 
 
 class SteeringCore:
@@ -41,7 +50,7 @@ class SteeringCore:
         scenarios = _scenarios(self.task, scenario, coupling)
         for i, sc in enumerate(scenarios):
             first, last = sc.wire.length - self.task.start_spread, sc.tract.length - self.task.goal_margin
-            if not 0 <= first or sc.wire.length + self.task.start_spread >= last:
+            if first < 0 or sc.wire.length + self.task.start_spread >= last:
                 raise ValueError(
                     f"scenario[{i}].wire.length must leave a way between the start and the goal at {last:.3g} m, "
                     f"got {sc.wire.length:g} m of wire"
@@ -57,29 +66,31 @@ class SteeringCore:
         self.observer = Observer(self.sim, observe)
         self.time_limit = positive("time_limit", self.task.time_limit if time_limit is None else time_limit, "s")
         self.step_limit = max(1, round(self.time_limit / self.sim.control_period))
-        n = self.sim.num_envs
-        self.goal, self._start_distance, self._distance = np.zeros(n), np.ones(n), np.zeros(n)
         self._limit = np.array([sc.contact.wall_force_limit for sc in self.sim.library.scenarios])
-        self.steps = np.zeros(n, dtype=np.int64)
-        self._peak_wall, self._peak_lateral, self._sum_wall, self._travel = np.zeros((4, n))
+        w = self.weights
+        self._weights = np.array([1.0, 0.0, 0.0, 0.0] if self.sparse else [w.success, w.progress, w.time, w.wall])
+        self._terms = _TERMS[:1] if self.sparse else _TERMS
+        self._lanes = np.ones((kernels.LANE_FIELDS, self.sim.arrays.out.shape[1]))
+        self.goal = self._lanes[kernels.GOAL, : self.sim.num_envs]
+        self.steps = self._lanes[kernels.STEPS, : self.sim.num_envs]
 
     def begin(self, lanes: np.ndarray, rngs: Sequence[np.random.Generator], options: dict[str, Any] | None) -> None:
         """Start episodes in `lanes`, each drawing from its own generator; nothing changes if an option is bad."""
         lanes = np.asarray(lanes, dtype=np.int64)
         library, entries = self.sim.library, self.sim.lane_scenario[lanes]
         spread = self.task.start_spread
-        drawn = np.array([rng.uniform(-1.0, 1.0, 1 + self.sim.dof) for rng in rngs]).reshape(len(lanes), -1)
+        drawn = 2.0 * np.array([rng.random(1 + self.sim.dof) for rng in rngs]).reshape(len(lanes), -1) - 1.0
         tip = library.wire_length[entries] + spread * drawn[:, 0]
         goal = library.tract_length[entries] - self.task.goal_margin
         low, high = library.dofs[entries, :, 1], library.dofs[entries, :, 2]
         magnet = low + 0.5 * (drawn[:, 1:] + 1) * (high - low)
         tip, goal, magnet = self._overridden(options or {}, lanes, tip, goal, magnet)
         self.sim.reset(tip, magnet, lanes)
-        self.goal[lanes] = goal
-        self._distance[lanes] = self._start_distance[lanes] = goal - tip
-        self.steps[lanes] = 0
-        for total in (self._peak_wall, self._peak_lateral, self._sum_wall, self._travel):
-            total[lanes] = 0.0
+        own = np.zeros((kernels.LANE_FIELDS, len(lanes)))
+        own[kernels.GOAL] = goal
+        own[kernels.START_DISTANCE] = own[kernels.DISTANCE] = goal - tip
+        own[kernels.WALL_LIMIT], own[kernels.TRACT_LENGTH] = self._limit[entries], library.tract_length[entries]
+        self._lanes[:, lanes] = own
 
     def _overridden(
         self, options: dict[str, Any], lanes: np.ndarray, tip: np.ndarray, goal: np.ndarray, magnet: np.ndarray
@@ -98,7 +109,8 @@ class SteeringCore:
             tip = _per_lane("tip_arclength", options["tip_arclength"], n, (), "m")[lanes]
         if (tip < 0).any() or (tip >= goal).any():
             raise ValueError(
-                f"options['tip_arclength'] must lie in [0, target) with the target at {goal.min():.4g} (in m), got {tip.tolist()}"
+                f"options['tip_arclength'] must lie in [0, target) with the target at {goal.min():.4g} (in m), "
+                f"got {tip.tolist()}"
             )
         if "magnet_angle" in options:
             magnet = _per_lane(
@@ -106,41 +118,35 @@ class SteeringCore:
             )[lanes]
         return tip, goal, magnet
 
+    def advance(self, action: np.ndarray) -> np.ndarray:
+        """One control period: action (n, size) → what it is worth, `kernels.VALUE_FIELDS` rows over n lanes or more."""
+        sim = self.sim
+        self.actuation.write(action, sim.command)
+        sim.advance()
+        values = np.empty((kernels.VALUE_FIELDS, self._lanes.shape[1]))
+        kernels.judge(
+            sim.num_envs, sim.arrays.out, sim.arrays.trace, self.step_limit, self._weights, self._lanes, values
+        )
+        return values
+
     def step(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """One control period: action (n, size) → reward, terminated, truncated, info, every value an (n,) array."""
-        sim, weights = self.sim, self.weights
-        command = self.actuation.command(action)
-        magnet = sim.magnet
-        sim.step(command)
-        self.steps += 1
-        trace = sim.tip_trace
-        success = trace.max(axis=1) >= self.goal
-        wall, peak = sim.mean_wall_force, sim.peak_wall_force
-        self._travel += np.abs(sim.magnet - magnet).sum(axis=1)
-        self._sum_wall += wall
-        np.maximum(self._peak_wall, peak, out=self._peak_wall)
-        np.maximum(self._peak_lateral, sim.peak_lateral_force, out=self._peak_lateral)
-        distance = np.where(success, 0.0, sim.distance_to(self.goal))
-        terminated = success | (trace[:, -1] < 0.0)
-        truncated = ~terminated & (self.steps >= self.step_limit)
-        cost = np.maximum(peak - self._limit[sim.lane_scenario], 0.0)
-        terms = {"reward/success": success * (1.0 if self.sparse else weights.success)}
-        if not self.sparse:
-            terms["reward/progress"] = weights.progress * (self._distance - distance) / self._start_distance
-            terms["reward/time"] = np.full(len(success), -weights.time)
-            terms["reward/wall"] = -weights.wall * cost
-        self._distance = distance
-        info = {
+        values = self.advance(action)[:, : self.sim.num_envs]
+        success, terminated, truncated = values[kernels.SUCCESS :] > 0.0
+        return values[kernels.REWARD], terminated, truncated, self.info(values, success)
+
+    def info(self, values: Sequence[Any], success: Any) -> dict[str, Any]:
+        """A step's `info` from rows of `advance`, or from one lane's column of them."""
+        return {
             "is_success": success,
-            "cost": cost,
-            "wall_force": wall,
-            "path_ratio": 1.0 - distance / self._start_distance,
-            **terms,
+            "cost": values[kernels.COST],
+            "wall_force": values[kernels.WALL_FORCE],
+            "path_ratio": values[kernels.PATH_RATIO],
+            **{name: values[row] for name, row in self._terms},
         }
-        return np.sum(list(terms.values()), axis=0), terminated, truncated, info
 
     def summary(self, lanes: np.ndarray) -> dict[str, np.ndarray]:
-        """Of the episodes just ended in `lanes`: steps, time (s, to the goal's crossing within the step), forces, travel."""
+        """Of the episodes just ended in `lanes`: steps, time (s, to the crossing within the step), forces, travel."""
         period, trace = self.sim.control_period, self.sim.tip_trace[lanes]
         goal = self.goal[lanes]
         passed = trace >= goal[:, None]
@@ -150,18 +156,19 @@ class SteeringCore:
         share = np.where(after > before, (goal - before) / np.where(after > before, after - before, 1.0), 1.0)
         within = (k - 1 + np.clip(share, 0.0, 1.0)) / (trace.shape[1] - 1)
         steps = self.steps[lanes]
+        peak_wall, peak_lateral, sum_wall, travel = self._lanes[kernels.PEAK_WALL : kernels.TRAVEL + 1][:, lanes]
         return {
-            "steps": steps.copy(),
+            "steps": steps.astype(np.int64),
             "time": np.where(passed.any(axis=1), steps - 1 + within, steps) * period,
-            "peak_wall_force": self._peak_wall[lanes],
-            "mean_wall_force": self._sum_wall[lanes] / steps,
-            "peak_lateral_force": self._peak_lateral[lanes],
-            "magnet_travel": self._travel[lanes],
+            "peak_wall_force": peak_wall,
+            "mean_wall_force": sum_wall / steps,
+            "peak_lateral_force": peak_lateral,
+            "magnet_travel": travel,
         }
 
     def observe(self) -> np.ndarray:
         """(n, size) float32."""
-        return self.observer.read(self.goal)
+        return self.observer.read(self._lanes)
 
 
 def _scenarios(task: Task, given: Any, coupling: str | None) -> list[Scenario]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..scenario import Scenario
 from ..simulation import Simulator
+from . import kernels
 from .core import SteeringCore
 from .observation import DEFAULT
 from .task import RewardWeights, Task
@@ -118,8 +119,10 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
         """One control period. Raises `ValueError` for NaN or a wrong shape, before anything moves."""
         if not self._running:
             raise gym.error.ResetNeeded("reset() must be called before step()")
-        reward, terminated, truncated, batch = self.core.step(np.asarray(action)[None])
-        info: dict[str, Any] = {key: value[0].item() for key, value in batch.items()}
-        if terminated[0] or truncated[0]:
-            info["summary"] = {k: v[0].item() for k, v in self.core.summary(np.zeros(1, dtype=np.int64)).items()}
-        return self.core.observe()[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+        core = self.core
+        values = core.advance(np.asarray(action)[None])[:, 0].tolist()
+        success, terminated, truncated = (x > 0.0 for x in values[kernels.SUCCESS :])
+        info = core.info(values, success)
+        if terminated or truncated:
+            info["summary"] = {k: v[0].item() for k, v in core.summary(np.zeros(1, dtype=np.int64)).items()}
+        return core.observe()[0], values[kernels.REWARD], terminated, truncated, info

@@ -9,6 +9,9 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from ..simulation import Simulator
+from ..simulation.algorithm1 import OUT_FIELDS
+from ..simulation.lanes import LANES
+from . import kernels
 
 __all__ = ["CHANNELS", "DEFAULT", "Observer"]
 
@@ -22,68 +25,77 @@ PREVIEW_OFFSETS = (0.0, 0.01, 0.02, 0.04, 0.06, 0.08)
 
 
 @dataclass(frozen=True)
+class Number:
+    """One number of the observation, as `kernels.observe` fills it in.
+
+    kind : of `kernels`
+    row : which of the simulator's results (for ``RESULT``), or which degree of freedom
+    scale : what a result is divided by
+    """
+
+    kind: int
+    row: int = 0
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
 class Channel:
     """A named part of the observation.
 
-    size : numbers, given the simulator
-    bound : they lie in [−bound, bound]; values beyond are clipped
-    read : simulator, goal (n,) m → (n,) or (n, size), already scaled
+    bound : its numbers lie in [−bound, bound]; values beyond are clipped
     text : what it is, with its scale
+    numbers : simulator → its numbers; or, for a channel that no kernel fills in,
+    size, read : how many numbers; simulator → (n, size), already scaled
     """
 
-    size: Callable[[Simulator], int]
     bound: float
-    read: Callable[[Simulator, np.ndarray], np.ndarray]
     text: str
+    numbers: Callable[[Simulator], Sequence[Number]] = lambda _: ()
+    size: int = 0
+    read: Callable[[Simulator], np.ndarray] | None = None
 
 
-def _one(_: Simulator) -> int:
-    return 1
+def _results(name: str, scale: float, count: int = 1) -> Callable[[Simulator], Sequence[Number]]:
+    """`count` of the simulator's results from the one of this name on, over `scale`."""
+    first = OUT_FIELDS.index(name)
+    return lambda _: [Number(kernels.RESULT, first + i, scale) for i in range(count)]
 
 
-def _three(_: Simulator) -> int:
-    return 3
+def _only(kind: int) -> Callable[[Simulator], Sequence[Number]]:
+    return lambda _: [Number(kind)]
 
 
-def _angles(sim: Simulator, _: np.ndarray) -> np.ndarray:
+def _magnet(sim: Simulator) -> Sequence[Number]:
     """sin and cos of every turn from its home; every slide over its range, in [−1, 1]."""
-    q, rows = sim.magnet, sim.library.dofs[sim.lane_scenario]
-    columns = []
-    for i, turn in enumerate(sim.library.is_turn):
-        share = (2 * q[:, i] - rows[:, i, 1] - rows[:, i, 2]) / (rows[:, i, 2] - rows[:, i, 1])
-        columns += [np.sin(np.pi * share), np.cos(np.pi * share)] if turn else [share]
-    return np.stack(columns, axis=1)
+    numbers = []
+    for dof, turn in enumerate(sim.library.is_turn):
+        kinds = (kernels.SINE, kernels.COSINE) if turn else (kernels.SLIDE,)
+        numbers += [Number(kind, dof) for kind in kinds]
+    return numbers
 
 
-def _angles_size(sim: Simulator) -> int:
-    return sim.dof + int(sim.library.is_turn.sum())
-
-
-def _preview(sim: Simulator, _: np.ndarray) -> np.ndarray:
+def _preview(sim: Simulator) -> np.ndarray:
     points, tangents = sim.look_ahead(np.array(PREVIEW_OFFSETS))
     seen = points - sim.magnet_positions[:, :1]
     return np.concatenate([seen.reshape(len(seen), -1) / LENGTH_SCALE, tangents.reshape(len(seen), -1)], axis=1)
 
 
-def _length(sim: Simulator) -> np.ndarray:
-    return sim.library.tract_length[sim.lane_scenario]
-
-
 CHANNELS: dict[str, Channel] = {
-    "tip_arclength": Channel(_one, 2, lambda sim, goal: sim.tip_arclength / _length(sim), "tip arc length / tract length"),
-    "tip_speed": Channel(_one, 10, lambda sim, goal: sim.tip_velocity / SPEED_SCALE, "tip speed along the tract / 0.1 m/s"),
-    "drive_force": Channel(_one, 10, lambda sim, goal: sim.drive_force / FORCE_SCALE, "drive along the tract / 10 mN"),
-    "lateral_force": Channel(_one, 10, lambda sim, goal: sim.lateral_force / FORCE_SCALE, "magnetic force across the tract / 10 mN"),
-    "magnet": Channel(_angles_size, 1, _angles, "each turn's angle from home (sin, cos); each slide over its range"),
-    "distance_left": Channel(_one, 2, lambda sim, goal: sim.distance_to(goal) / _length(sim), "way left to the goal / tract length"),
-    "tip_force": Channel(_three, 10, lambda sim, goal: sim.tip_force / FORCE_SCALE, "magnetic force on the tip, x y z / 10 mN"),
-    "tip_torque": Channel(_one, 10, lambda sim, goal: sim.tip_torque / TORQUE_SCALE, "magnetic torque on the tip / 1 mN·m"),
-    "wall_force": Channel(_one, 10, lambda sim, goal: sim.wall_force / WALL_SCALE, "force on the wall / 0.1 N"),
-    "tip_position": Channel(_three, 10, lambda sim, goal: sim.tip_position / LENGTH_SCALE, "tip, x y z / 0.1 m"),
-    "tip_tangent": Channel(_three, 1, lambda sim, goal: sim.tip_tangent, "direction of the tip's moment"),
+    "tip_arclength": Channel(2, "tip arc length / tract length", _only(kernels.ARCLENGTH)),
+    "tip_speed": Channel(10, "tip speed along the tract / 0.1 m/s", _results("TIP_V", SPEED_SCALE)),
+    "drive_force": Channel(10, "drive along the tract / 10 mN", _results("DRIVE", FORCE_SCALE)),
+    "lateral_force": Channel(10, "magnetic force across the tract / 10 mN", _results("LATERAL", FORCE_SCALE)),
+    "magnet": Channel(1, "each turn's angle from home (sin, cos); each slide over its range", _magnet),
+    "distance_left": Channel(2, "way left to the goal / tract length", _only(kernels.DISTANCE_LEFT)),
+    "tip_force": Channel(10, "magnetic force on the tip, x y z / 10 mN", _results("FX", FORCE_SCALE, 3)),
+    "tip_torque": Channel(10, "magnetic torque on the tip / 1 mN·m", _results("TORQUE", TORQUE_SCALE)),
+    "wall_force": Channel(10, "force on the wall / 0.1 N", _results("WALL", WALL_SCALE)),
+    "tip_position": Channel(10, "tip, x y z / 0.1 m", _results("TIP_X", LENGTH_SCALE, 3)),
+    "tip_tangent": Channel(1, "direction of the tip's moment", _results("TAN_X", 1.0, 3)),
     "tract_preview": Channel(
-        lambda sim: 6 * len(PREVIEW_OFFSETS), 10, _preview,
-        "centreline 0, 10, 20, 40, 60, 80 mm ahead of the tip: points from the first magnet's centre / 0.1 m, then tangents",
+        10, "centreline 0, 10, 20, 40, 60, 80 mm ahead of the tip: points from the first magnet's centre / 0.1 m, "
+        "then tangents",
+        size=6 * len(PREVIEW_OFFSETS), read=_preview,
     ),
 }  # fmt: skip
 
@@ -105,14 +117,18 @@ class Observer:
         self.names = names
         self._sim = sim
         self._parts: list[tuple[Channel, slice]] = []
-        at = 0
+        numbers: list[Number] = []
         for channel in (CHANNELS[n] for n in names):
-            size = channel.size(sim)
-            self._parts.append((channel, slice(at, at + size)))
-            at += size
-        bound = np.concatenate([np.full(part.stop - part.start, c.bound) for c, part in self._parts]).astype(np.float32)
+            own = channel.numbers(sim) or [Number(-1)] * channel.size
+            self._parts.append((channel, slice(len(numbers), len(numbers) + len(own))))
+            numbers += own
+        self._kinds, self._rows = np.array([(x.kind, x.row) for x in numbers], dtype=np.int64).T.copy()
+        self._scales = np.array([x.scale for x in numbers])
+        self._bounds = np.concatenate([np.full(p.stop - p.start, float(c.bound)) for c, p in self._parts])
+        self._others = [(c.read, part) for c, part in self._parts if c.read is not None]
+        self._work = np.empty(LANES)
+        bound = self._bounds.astype(np.float32)
         self.space = Box(-bound, bound, dtype=np.float32)
-        self._bound = bound
 
     def part(self, name: str) -> slice:
         """Where a channel stands in the observation; `ValueError` if it is not observed."""
@@ -120,10 +136,16 @@ class Observer:
             raise ValueError(f"observe must include {name!r} here, got {self.names}")
         return self._parts[self.names.index(name)][1]
 
-    def read(self, goal: np.ndarray) -> np.ndarray:
-        """The observation of every lane, (n, size) float32, given the goals (n,) m."""
-        out = np.empty((self._sim.num_envs, len(self._bound)), dtype=np.float32)
-        for channel, part in self._parts:
-            value = channel.read(self._sim, goal)
-            out[:, part] = value if value.ndim == 2 else value[:, None]
-        return np.clip(out, -self._bound, self._bound, out=out)
+    def read(self, lanes: np.ndarray) -> np.ndarray:
+        """The observation of every lane, (n, size) float32; `lanes` is what the core keeps of them, see `kernels`."""
+        sim = self._sim
+        arrays, n = sim.arrays, sim.num_envs
+        out = np.empty((n, len(self._kinds)), dtype=np.float32)
+        kernels.observe(
+            n, self._kinds, self._rows, self._scales, self._bounds, arrays.out, arrays.q, arrays.dofs, lanes,
+            self._work, out,
+        )  # fmt: skip
+        for read, part in self._others:
+            bound = self._bounds[part]
+            out[:, part] = np.clip(read(sim), -bound, bound)
+        return out

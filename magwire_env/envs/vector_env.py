@@ -154,7 +154,8 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             or not mask.any()
         ):
             raise ValueError(
-                f"options['reset_mask'] must be a boolean array of shape ({self.num_envs},) with at least one True, got {mask!r}"
+                f"options['reset_mask'] must be a boolean array of shape ({self.num_envs},) with at least one True, "
+                f"got {mask!r}"
             )
         return mask
 

@@ -37,8 +37,8 @@ from .lanes import (
     maximum,
     minimum,
     reciprocal,
-    rint,
     rsqrt,
+    sin_cos,
     spread,
     sqrt,
     store,
@@ -72,18 +72,20 @@ DOF_STRIDE = 3 * LANES
 SX, SY, SZ, WEIGHT = (i * LANES for i in range(4))
 SOURCE_STRIDE = 4 * LANES
 
-# Results: out[field + lane]
+# Results: out[field + lane] while a block is worked on, then a row a field over all lanes, for readers without copies.
+# Those of the state come first, those of the last control period (peaks, mean, the magnets' travel) after.
 OUT_FIELDS = (
     "FX", "FY", "FZ", "BX", "BY", "BZ", "DRIVE", "LATERAL", "TORQUE", "WALL",
-    "TIP_X", "TIP_Y", "TIP_Z", "TAN_X", "TAN_Y", "TAN_Z", "CURV_X", "CURV_Y", "CURV_Z",
-    "PEAK_LATERAL", "PEAK_WALL", "MEAN_WALL",
+    "TIP_X", "TIP_Y", "TIP_Z", "TAN_X", "TAN_Y", "TAN_Z", "CURV_X", "CURV_Y", "CURV_Z", "TIP_S", "TIP_V",
+    "PEAK_LATERAL", "PEAK_WALL", "MEAN_WALL", "TRAVEL",
 )  # fmt: skip
 (
     FX, FY, FZ, BX, BY, BZ, DRIVE, LATERAL, TORQUE, WALL,
-    TIP_X, TIP_Y, TIP_Z, TAN_X, TAN_Y, TAN_Z, CURV_X, CURV_Y, CURV_Z,
-    PEAK_LATERAL, PEAK_WALL, MEAN_WALL,
+    TIP_X, TIP_Y, TIP_Z, TAN_X, TAN_Y, TAN_Z, CURV_X, CURV_Y, CURV_Z, TIP_S, TIP_V,
+    PEAK_LATERAL, PEAK_WALL, MEAN_WALL, TRAVEL,
 ) = (i * LANES for i in range(len(OUT_FIELDS)))  # fmt: skip
 OUT_SIZE = len(OUT_FIELDS) * LANES
+OF_STATE, OF_ALL = PEAK_LATERAL // LANES, len(OUT_FIELDS)
 
 # Workspace of a node: w[node * STRIDE + field + lane]. A row of the solve is DIAG v − OFF v' = Q − NORMAL g(v), with
 # NORMAL the friction μ n, g = v/√(v² + ε²) linearised as G + G_SLOPE (v' − v); RATIO and RIGHT are its elimination.
@@ -169,24 +171,6 @@ def tip_pose(s, par, table, out):
 
 
 # --- step i -----------------------------------------------------------------------------------------------------------
-
-
-@njit(**_INLINE)
-def sin_cos(angle):
-    """By Taylor series on a quarter of the wrapped angle, then doubled twice: no library call, error below 4e-16."""
-    x = 0.25 * (angle - 2.0 * math.pi * rint(angle * (0.5 / math.pi)))
-    z = x * x
-    s = x * (
-        1.0 + z * (-1 / 6 + z * (1 / 120 + z * (-1 / 5040 + z * (1 / 362880 + z * (
-            -1 / 39916800 + z * (1 / 6227020800 - z * (1 / 1307674368000)))))))
-    )  # fmt: skip
-    vers = z * (
-        1 / 2 + z * (-1 / 24 + z * (1 / 720 + z * (-1 / 40320 + z * (1 / 3628800 + z * (
-            -1 / 479001600 + z * (1 / 87178291200))))))
-    )  # fmt: skip
-    for _ in range(2):
-        s, vers = 2.0 * s * (1.0 - vers), 2.0 * vers * (2.0 - vers)
-    return s, 1.0 - vers
 
 
 @njit(**_INLINE)
@@ -531,15 +515,16 @@ def update(nodes, s, v, half):
 
 
 @njit(**_JIT)
-def servo(dofs, is_turn, q, command, mean, h):
+def servo(dofs, is_turn, q, command, lane, mean, h):
     """Each degree of freedom moves towards its command at its limited speed, a turn the short way round.
 
     `mean` receives where it was on average over `h`, with which the magnet acts: a servo that arrives within the step
-    would otherwise make it first order.
+    would otherwise make it first order. Returns how far they moved, summed.
     """
+    travel = spread(0.0)
     for d in range(is_turn.shape[0]):
         o, at = d * DOF_STRIDE, load(q, d * LANES)
-        goal = load(command, d * LANES)
+        goal = load(command[d], lane)
         if is_turn[d]:
             gap = goal - at
             gap = gap - 2.0 * math.pi * floor(gap * (0.5 / math.pi) + 0.5)
@@ -549,6 +534,8 @@ def servo(dofs, is_turn, q, command, mean, h):
         moved = minimum(maximum(gap, -most), most)
         store(mean, d * LANES, at + moved * (1.0 - 0.5 * minimum(absolute(gap) / most, 1.0)))
         store(q, d * LANES, at + moved)
+        travel = travel + absolute(moved)
+    return travel
 
 
 @njit(**_JIT)
@@ -562,24 +549,27 @@ def control_period(
     and symplectic where no friction or drag takes energy out. `trace` receives the tip's arc length at the start and
     after every step; `out` ends with the loads of the final state.
     """
-    nodes = s.shape[1] // LANES
-    tip = (nodes - 1) * LANES
-    w, mean = work[: nodes * STRIDE], work[nodes * STRIDE :]
+    nodes, dof = s.shape[1] // LANES, is_turn.shape[0]
+    tip, above = (nodes - 1) * LANES, nodes * STRIDE
+    w, o = work[:above], work[above : above + OUT_SIZE]
+    angles, mean = work[above + OUT_SIZE : above + OUT_SIZE + dof * LANES], work[above + OUT_SIZE + dof * LANES :]
     for block in blocks:
-        p, o, wires, moved = par[block], out[block], wire[block], trace[block]
-        arcs, speeds, angles = s[block], v[block], q[block]
+        p, wires, lane = par[block], wire[block], block * LANES
+        arcs, speeds = s[block], v[block]
+        for d in range(dof):
+            store(angles, d * LANES, load(q[d], lane))
         friction_of_speed(w, nodes, p, speeds)
-        store(moved, 0, load(arcs, tip))
-        peak_lateral, peak_wall, sum_wall = spread(0.0), spread(0.0), spread(0.0)
+        store(trace[0], lane, load(arcs, tip))
+        peak_lateral, peak_wall, sum_wall, travel = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
         for step in range(substeps):
             update(nodes, arcs, speeds, 0.5 * h)
-            servo(dofs[block], is_turn, angles, command[block], mean, h)
+            travel = travel + servo(dofs[block], is_turn, angles, command, lane, mean, h)
             tip_pose(arcs, p, table, o)
             magnetic_force(p, rig, magnets[block], clouds, cloud_of[block], sources, mean, o)
             joint_forces(w, nodes, spare, wires, p, table, o, arcs, speeds, h)
             integrate(w, nodes, p, speeds)
             update(nodes, arcs, speeds, 0.5 * h)
-            store(moved, (step + 1) * LANES, load(arcs, tip))
+            store(trace[step + 1], lane, load(arcs, tip))
             peak_lateral = maximum(peak_lateral, load(o, LATERAL))
             peak_wall = maximum(peak_wall, load(o, WALL))
             sum_wall = sum_wall + load(o, WALL)
@@ -588,14 +578,33 @@ def control_period(
         store(o, PEAK_LATERAL, peak_lateral)
         store(o, PEAK_WALL, peak_wall)
         store(o, MEAN_WALL, sum_wall / substeps)
+        store(o, TRAVEL, travel)
+        for d in range(dof):
+            store(q[d], lane, load(angles, d * LANES))
+        publish(o, arcs, speeds, OF_ALL, out, lane)
+
+
+@njit(**_INLINE)
+def publish(o, s, v, count, out, lane):
+    """The first `count` results of a block to their places among all lanes'."""
+    store(o, TIP_S, load(s, len(s) - LANES))
+    store(o, TIP_V, load(v, len(v) - LANES))
+    for field in range(count):
+        store(out[field], lane, load(o, field * LANES))
 
 
 @njit(**_JIT)
-def refresh(blocks, par, rig, magnets, clouds, cloud_of, sources, table, s, q, out):
+def refresh(blocks, par, rig, magnets, clouds, cloud_of, sources, table, s, v, q, out, work):
     """The loads of the present state: needed once whenever a state was set from outside."""
+    dof = q.shape[0]
+    o, angles = work[:OUT_SIZE], work[OUT_SIZE : OUT_SIZE + dof * LANES]
     for block in blocks:
-        tip_pose(s[block], par[block], table, out[block])
-        magnetic_force(par[block], rig, magnets[block], clouds, cloud_of[block], sources, q[block], out[block])
+        lane = block * LANES
+        for d in range(dof):
+            store(angles, d * LANES, load(q[d], lane))
+        tip_pose(s[block], par[block], table, o)
+        magnetic_force(par[block], rig, magnets[block], clouds, cloud_of[block], sources, angles, o)
+        publish(o, s[block], v[block], OF_STATE, out, lane)
 
 
 @njit(**_JIT)
@@ -639,4 +648,4 @@ def lay_at_rest(lanes, tip_arclength, wire, par, table, s, v, work):
 
 def workspace_size(nodes: int, dof: int) -> int:
     """Length of the float64 workspace one thread needs for wires of `nodes` nodes and commands of `dof` numbers."""
-    return nodes * STRIDE + max(dof * LANES, PAR_SIZE)
+    return nodes * STRIDE + OUT_SIZE + 2 * dof * LANES

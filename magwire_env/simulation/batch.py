@@ -42,7 +42,8 @@ class Library:
                 raise ValueError(f"scenario[{i}].timing must be that of the batch, {self.timing}, got {sc.timing}")
             if _Layout.of(sc) != layout:
                 raise ValueError(
-                    f"scenario[{i}].rig must have the batch's degrees of freedom {layout.dofs}, got {_Layout.of(sc).dofs}"
+                    f"scenario[{i}].rig must have the batch's degrees of freedom {layout.dofs}, "
+                    f"got {_Layout.of(sc).dofs}"
                 )
         rig = self.scenarios[0].rig
         self.dof = len(rig.dofs)
@@ -89,7 +90,7 @@ class Library:
         return points, tangents
 
     def positions(self, entries: np.ndarray, s: np.ndarray) -> np.ndarray:
-        """Points of the nodes at arc lengths `s` (n, nodes) m → (n, nodes, 3) m, NaN for a shorter wire's spare nodes."""
+        """Points of nodes at arc lengths `s` (n, nodes) m → (n, nodes, 3) m, NaN for a shorter wire's spare nodes."""
         points, _ = self.centreline(entries, s)
         points[np.arange(self.nodes) < self.first_node[entries][:, None]] = np.nan
         return points
@@ -107,9 +108,11 @@ class LaneArrays:
         self.magnets = _zeros(blocks, magnets * a1.MAGNET_STRIDE)
         self.dofs = _zeros(blocks, dof * a1.DOF_STRIDE)
         self.s, self.v = _zeros(blocks, nodes * lanes), _zeros(blocks, nodes * lanes)
-        self.q, self.command = _zeros(blocks, dof * lanes), _zeros(blocks, dof * lanes)
-        self.trace = _zeros(blocks, (library.timing.substeps + 1) * lanes)
-        self.out = _zeros(blocks, a1.OUT_SIZE)
+        # Read and written from outside, so a row a quantity; one block more, lest rows lie powers of two apart.
+        row = (blocks + 1) * lanes
+        self.q, self.command = _zeros(dof, row), _zeros(dof, row)
+        self.trace = _zeros(library.timing.substeps + 1, row)
+        self.out = _zeros(a1.OF_ALL, row)
         self._lane_cloud = np.zeros((blocks, lanes, magnets), dtype=np.int64)
         self._clouds: dict[bytes, int] = {}
         self.clouds = _zeros(0, library.clouds.shape[1] * a1.SOURCE_STRIDE)
@@ -170,15 +173,17 @@ class LaneArrays:
     ) -> None:
         """Set parts of the state of `lanes`; `refresh` must follow."""
         block, lane = np.divmod(lanes, a1.LANES)
-        for array, rows in ((self.s, arclengths), (self.v, velocities), (self.q, magnet)):
+        for array, rows in ((self.s, arclengths), (self.v, velocities)):
             if rows is not None:
                 array.reshape(len(array), -1, a1.LANES)[block, :, lane] = rows
+        if magnet is not None:
+            self.q[:, lanes] = magnet.T
 
     def read(self, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Copies of arc lengths, velocities (n, nodes) and magnet (n, dof)."""
         block, lane = np.divmod(lanes, a1.LANES)
-        s, v, q = (array.reshape(len(array), -1, a1.LANES)[block, :, lane] for array in (self.s, self.v, self.q))
-        return s, v, q
+        s, v = (array.reshape(len(array), -1, a1.LANES)[block, :, lane] for array in (self.s, self.v))
+        return s, v, self.q[:, lanes].T.copy()
 
     def lay_at_rest(self, lanes: np.ndarray, tip_arclength: np.ndarray | float) -> None:
         """Wires of `lanes` at rest behind tips at `tip_arclength`; `refresh` must follow."""
@@ -192,42 +197,40 @@ class LaneArrays:
         def run(blocks: np.ndarray, work: np.ndarray) -> None:
             a1.refresh(
                 blocks, self.par, self.library.rig, self.magnets, self.clouds, self.cloud_of, self.library.sources,
-                self.library.table, self.s, self.q, self.out,
+                self.library.table, self.s, self.v, self.q, self.out, work,
             )  # fmt: skip
 
         share_out(run, np.unique(np.asarray(lanes) // a1.LANES), self._workspaces, self.threads)
 
-    def step(self, command: np.ndarray) -> None:
-        """One control period of every lane under `command` (n, dof)."""
-        block, lane = np.divmod(np.arange(self.n), a1.LANES)
-        self.command.reshape(len(self.command), -1, a1.LANES)[block, :, lane] = command
+    def step(self) -> None:
+        """One control period of every lane under `command`."""
         timing, library = self.library.timing, self.library
 
         def run(blocks: np.ndarray, work: np.ndarray) -> None:
             a1.control_period(
-                blocks, timing.substeps, timing.control_period / timing.substeps, library.spare, self.par, self.wire, library.rig,
-                self.magnets, self.dofs, library.is_turn, self.clouds, self.cloud_of, library.sources, library.table,
-                self.s, self.v, self.q, self.command, self.trace, self.out, work,
+                blocks, timing.substeps, timing.control_period / timing.substeps, library.spare, self.par, self.wire,
+                library.rig, self.magnets, self.dofs, library.is_turn, self.clouds, self.cloud_of, library.sources,
+                library.table, self.s, self.v, self.q, self.command, self.trace, self.out, work,
             )  # fmt: skip
 
         share_out(run, self._all, self._workspaces, self.threads)
 
-    def lanes_first(self, array: np.ndarray) -> np.ndarray:
-        """A copy of a blocked array as (n, fields)."""
-        fields = array.shape[1] // a1.LANES
-        return array.reshape(len(array), fields, a1.LANES).transpose(0, 2, 1).copy().reshape(-1, fields)[: self.n]
+    def arclengths(self) -> np.ndarray:
+        """A copy of the nodes' arc lengths, (n, nodes) m."""
+        return self.s.reshape(len(self.s), -1, a1.LANES).transpose(0, 2, 1).reshape(-1, self.library.nodes)[: self.n]
 
-    def tip(self, array: np.ndarray) -> np.ndarray:
-        """A copy of the last node's values of a blocked node array, (n,)."""
-        return array[:, -a1.LANES :].reshape(-1)[: self.n].copy()
+    def lanes_first(self, rows: np.ndarray) -> np.ndarray:
+        """A copy of an array of rows over the lanes as (n, fields)."""
+        return rows[:, : self.n].T.copy()
 
     def result(self, field: int) -> np.ndarray:
         """A copy of one of the kernel's results, (n,)."""
-        return self.out[:, field : field + a1.LANES].reshape(-1)[: self.n].copy()
+        return self.out[field // a1.LANES, : self.n].copy()
 
     def results(self, field: int) -> np.ndarray:
         """A copy of three consecutive results, (n, 3)."""
-        return np.stack([self.result(field + i * a1.LANES) for i in range(3)], axis=1)
+        first = field // a1.LANES
+        return self.lanes_first(self.out[first : first + 3])
 
 
 def _zeros(rows: int, columns: int) -> np.ndarray:

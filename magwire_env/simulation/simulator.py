@@ -104,7 +104,10 @@ class Simulator:
         self.lane_scenario = np.empty(n, dtype=np.int64)
         self.time = np.zeros(n)
         self._scratch: LaneArrays | None = None
-        self._now = LaneArrays(self.library, self.num_envs, threads)
+        self.arrays = self._now = LaneArrays(self.library, self.num_envs, threads)
+        """What the kernel works on, live: for other compiled code, which must not write but to `command`."""
+        self.command = self._now.command[:, : self.num_envs]
+        """(dof, n) rad or m, the command of the last or the next step; see `advance`."""
         self.assign(np.arange(n), lane_scenario)
         self.reset()
 
@@ -128,7 +131,7 @@ class Simulator:
     def assign(self, lanes: np.ndarray, scenarios: np.ndarray) -> None:
         """Give `lanes` the library's scenarios of these numbers, (n,) each; the lanes must then be reset."""
         scenarios = np.asarray(scenarios, dtype=np.int64)
-        if scenarios.size and not (0 <= scenarios.min() and scenarios.max() < len(self.library.scenarios)):
+        if scenarios.size and (scenarios.min() < 0 or scenarios.max() >= len(self.library.scenarios)):
             raise ValueError(f"scenarios must lie in [0, {len(self.library.scenarios) - 1}], got {scenarios.tolist()}")
         self.lane_scenario[lanes] = scenarios
         self._now.take(lanes, scenarios)
@@ -167,7 +170,12 @@ class Simulator:
 
         Raises `ValueError`, before anything moves, for a command of another shape or that is not finite.
         """
-        self._now.step(self._checked(command, self.num_envs, "command"))
+        self.command[:] = self._checked(command, self.num_envs, "command").T
+        self.advance()
+
+    def advance(self) -> None:
+        """`step` under what stands in `command`, unchecked: for callers that write it there themselves."""
+        self._now.step()
         self.time += self.control_period
 
     def state(self, lanes: np.ndarray | None = None) -> SimulatorState:
@@ -211,9 +219,9 @@ class Simulator:
         results = np.empty((6, horizon, n * k))
         commands = plans.reshape(n * k, horizon, self.dof)
         for step in range(horizon):
-            moves.step(commands[:, step])
-            results[0, step], results[1, step] = moves.tip(moves.s), moves.tip(moves.v)
-            for row, field in enumerate((a1.DRIVE, a1.LATERAL, a1.TORQUE, a1.WALL), start=2):
+            moves.command[:, : n * k] = commands[:, step].T
+            moves.step()
+            for row, field in enumerate((a1.TIP_S, a1.TIP_V, a1.DRIVE, a1.LATERAL, a1.TORQUE, a1.WALL)):
                 results[row, step] = moves.result(field)
         shape = (k, horizon) if single else (n, k, horizon)
         arrays = results.transpose(0, 2, 1).reshape(6, *shape)
@@ -225,12 +233,12 @@ class Simulator:
     @property
     def tip_arclength(self) -> np.ndarray:
         """(n,) m."""
-        return self._now.tip(self._now.s)
+        return self._now.result(a1.TIP_S)
 
     @property
     def tip_velocity(self) -> np.ndarray:
         """(n,) m/s along the tract."""
-        return self._now.tip(self._now.v)
+        return self._now.result(a1.TIP_V)
 
     @property
     def drive_force(self) -> np.ndarray:
@@ -313,13 +321,13 @@ class Simulator:
         return goal - self.tip_arclength
 
     def look_ahead(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The lumen's centreline ahead of the tips: offsets (k,) m along it → points (n, k, 3) m, tangents (n, k, 3)."""
+        """The centreline ahead of the tips: offsets (k,) m along it → points (n, k, 3) m, unit tangents (n, k, 3)."""
         return self.library.centreline(self.lane_scenario, self.tip_arclength[:, None] + np.asarray(offsets))
 
     @property
     def positions(self) -> np.ndarray:
         """(n, nodes, 3) m, tail to tip; NaN where a lane has fewer nodes than the batch's largest wire."""
-        return self.library.positions(self.lane_scenario, self._now.lanes_first(self._now.s))
+        return self.library.positions(self.lane_scenario, self._now.arclengths())
 
     # --- inside -----------------------------------------------------------------------------------------------------
 
@@ -335,7 +343,7 @@ class Simulator:
             raise ValueError(
                 f"state must be of this simulator, with arclengths of shape {wanted}, got {state.arclengths.shape}"
             )
-        if len(state) and not (0 <= state.lanes.min() and state.lanes.max() < self.num_envs):
+        if len(state) and (state.lanes.min() < 0 or state.lanes.max() >= self.num_envs):
             raise ValueError(f"state.lanes must lie in [0, {self.num_envs - 1}], got {state.lanes.tolist()}")
 
     def _checked(self, value: np.ndarray, n: int, name: str) -> np.ndarray:
