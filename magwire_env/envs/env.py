@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -15,6 +15,9 @@ from . import kernels
 from .core import SteeringCore
 from .observation import DEFAULT
 from .task import RewardWeights, Task
+
+if TYPE_CHECKING:
+    from ..render.frames import Frames, Window
 
 __all__ = ["MagWireEnv"]
 
@@ -75,12 +78,13 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
     observe : names of observation channels
     reward : "dense", "sparse" or `RewardWeights`
     time_limit : s
+    render_mode : "rgb_array" (frames, 480 × 640 × 3) or "human" (a window); both need the extra `view`
 
     ## Version History
     * v0: first
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 10}  # noqa: RUF012  (Gymnasium declares it so)
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": 10}  # noqa: RUF012  (Gymnasium declares it so)
 
     def __init__(
         self,
@@ -100,6 +104,12 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
         self.action_space = self.core.actuation.space
         self.render_mode = render_mode
         self._running = False
+        self._frames: Frames | None = None
+        self._window: Window | None = None
+        if render_mode is not None:
+            from ..render.frames import Frames
+
+            self._frames = Frames(self.core)
 
     @property
     def simulator(self) -> Simulator:
@@ -113,6 +123,9 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         self.core.begin(np.zeros(1, dtype=np.int64), [self.np_random], options)
         self._running = True
+        if self._frames is not None:
+            self._frames.forget((0,))
+            self._show()
         return self.core.observe()[0], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -123,6 +136,36 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
         values = core.advance(np.asarray(action)[None])[:, 0].tolist()
         success, terminated, truncated = (x > 0.0 for x in values[kernels.SUCCESS :])
         info = core.info(values, success)
+        if self.render_mode == "human":
+            self._show()
         if terminated or truncated:
             info["summary"] = {k: v[0].item() for k, v in core.summary(np.zeros(1, dtype=np.int64)).items()}
         return core.observe()[0], values[kernels.REWARD], terminated, truncated, info
+
+    def render(self) -> np.ndarray | None:  # type: ignore[override]
+        """The present frame, (480, 640, 3) uint8, in the mode "rgb_array"; in "human" every step shows itself."""
+        if self._frames is None:
+            gym.logger.warn('render() does nothing without render_mode: gym.make(…, render_mode="rgb_array")')
+            return None
+        if not self._running:
+            raise gym.error.ResetNeeded("reset() must be called before render()")
+        if self.render_mode == "rgb_array":
+            return self._frames.array()[0]
+        self._show()
+        return None
+
+    def close(self) -> None:
+        """Take the window away, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def _show(self) -> None:
+        if self.render_mode != "human" or self._frames is None:
+            return
+        from ..render.frames import Window
+        from ..render.snapshot import snapshots
+
+        if self._window is None:
+            self._window = Window(self._frames.size)
+        self._window.show(self._frames.surface(0, snapshots(self.core)[0]), self.metadata["render_fps"])

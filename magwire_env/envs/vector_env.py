@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -19,6 +19,9 @@ from .core import SteeringCore
 from .observation import DEFAULT
 from .task import RewardWeights, Task
 
+if TYPE_CHECKING:
+    from ..render.frames import Frames
+
 __all__ = ["MagWireVectorEnv"]
 
 
@@ -30,6 +33,8 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         ``options["reset_mask"]``), as Gymnasium's vector API defines them
     scenario : also a sequence of `num_envs` scenarios, one a lane
     threads : threads a step may use; by default all cores for large batches
+    render_mode, render_lanes : "rgb_array", and the lanes `render` draws, by default all (which Gymnasium's
+        `RecordVideo` for batches asks for)
 
     Other arguments, observation, action, reward and info as `MagWireEnv`'s. In SAME_STEP mode
     `final_observation` holds the last step's observations before any reset, dense, (num_envs, size).
@@ -48,13 +53,14 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
         render_mode: str | None = None,
+        render_lanes: Sequence[int] | None = None,
     ) -> None:
-        if render_mode is not None:
-            raise ValueError(f"render_mode must be None for a batch, got {render_mode!r}")
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {render_mode!r}")
         if not isinstance(autoreset_mode, AutoresetMode):
             autoreset_mode = AutoresetMode(one_of("autoreset_mode", autoreset_mode, [m.value for m in AutoresetMode]))
         self.autoreset_mode = autoreset_mode
-        self.metadata = {"render_modes": [], "render_fps": 10, "autoreset_mode": autoreset_mode}
+        self.metadata = {"render_modes": ["rgb_array"], "render_fps": 10, "autoreset_mode": autoreset_mode}
         self.core = SteeringCore(task, num_envs, scenario, coupling, action_mode, observe, reward, time_limit, threads)
         self.num_envs = num_envs
         self.single_observation_space = self.core.observer.space
@@ -66,6 +72,14 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._ended = np.ones(num_envs, dtype=np.bool_)
         self._started = False
         self.final_observation: np.ndarray | None = None
+        self._render_lanes = tuple(range(num_envs) if render_lanes is None else render_lanes)
+        if bad := [lane for lane in self._render_lanes if not 0 <= lane < num_envs]:
+            raise ValueError(f"render_lanes must lie in [0, {num_envs - 1}], got {bad[0]}")
+        self._frames: Frames | None = None
+        if render_mode is not None:
+            from ..render.frames import Frames
+
+            self._frames = Frames(self.core)
 
     @property
     def simulator(self) -> Simulator:
@@ -120,6 +134,15 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 observation = self.core.observe()
         return observation, reward, terminated, truncated, infos
 
+    def render(self, lanes: Sequence[int] | None = None) -> tuple[np.ndarray, ...] | None:
+        """The present frames of `lanes` (by default `render_lanes`), (480, 640, 3) uint8 each, under "rgb_array"."""
+        if self._frames is None:
+            gym.logger.warn('render() does nothing without render_mode: gym.make_vec(…, render_mode="rgb_array")')
+            return None
+        if not self._started:
+            raise gym.error.ResetNeeded("reset() must be called before render()")
+        return tuple(self._frames.array(self._render_lanes if lanes is None else lanes))
+
     def _same_step(self, done: np.ndarray, observation: np.ndarray, infos: dict, info: dict) -> dict[str, Any]:
         """The ended lanes' observation and info move to `final_obs` and `final_info`, as in Gymnasium's own batches."""
         ended = self._ended.copy()
@@ -138,6 +161,8 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 self._rngs[lane] = seeding.np_random(None)[0]
             rngs.append(self._rngs[lane])
         self.core.begin(lanes, rngs, options)
+        if self._frames is not None:
+            self._frames.forget(lanes)
         self._ended[lanes] = False
 
     def _seed(self, seeds: list[int | None], lanes: np.ndarray) -> None:

@@ -1,0 +1,230 @@
+"""The plan (x–y) and the side view (x–z) of the scene."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..scenario import Scenario, Slide
+from . import paint
+from .paint import Brush
+from .snapshot import Snapshot, body_halves, force_scale, magnet_rotations
+
+__all__ = ["Views", "view_bounds"]
+
+_FORCE_LENGTH = 30.0
+"""Pixels (at 640 × 480) of the force arrow at the reference force."""
+
+_MARGIN = 8.0
+
+
+def view_bounds(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest corner, (3,) m each, of what a view must hold: the lumen and the magnets wherever they go."""
+    tract = scenario.tract
+    course = tract.position(np.linspace(-0.02, tract.length + 0.02, 400))
+    low, high = course.min(axis=0) - tract.widest, course.max(axis=0) + tract.widest
+    for mount in scenario.rig.magnets:
+        reach = max(mount.magnet.reach, 8e-3)
+        near, far = np.array(mount.position), np.array(mount.position)
+        for dof in mount.dofs:
+            if isinstance(dof, Slide):
+                near["xyz".index(dof.axis)] += dof.low
+                far["xyz".index(dof.axis)] += dof.high
+        low, high = np.minimum(low, near - reach), np.maximum(high, far + reach)
+    return low, high
+
+
+class View:
+    """One projection: world axes `across` (to the right) and `up` on a rectangle of the frame."""
+
+    def __init__(self, rect: Any, across: int, up: int, centre: np.ndarray, scale: float) -> None:
+        self.rect, self.across, self.up, self.scale = rect, across, up, scale
+        self.depth = 3 - across - up
+        # The viewer looks along −z in the plan and along +y in the side view: x to the right, up upwards.
+        self.towards = 1.0 if self.depth == 2 else -1.0
+        self._origin = np.array([rect.centerx, rect.centery]) - scale * np.array([centre[across], -centre[up]])
+
+    def px(self, points: np.ndarray) -> np.ndarray:
+        """World points (..., 3) m → frame pixels (..., 2), x to the right and y down."""
+        points = np.asarray(points)
+        return np.stack([points[..., self.across], -points[..., self.up]], axis=-1) * self.scale + self._origin
+
+    def direction(self, vectors: np.ndarray) -> np.ndarray:
+        """World vectors (..., 3) → the same in the picture, (..., 2), y down, in the vectors' unit."""
+        return np.stack([vectors[..., self.across], -vectors[..., self.up]], axis=-1)
+
+    def nearness(self, points: np.ndarray) -> np.ndarray:
+        """Larger for what is nearer to the viewer."""
+        return self.towards * points[..., self.depth]
+
+
+class Views:
+    """Both views of one scenario: a background drawn once, and what moves drawn on top."""
+
+    def __init__(self, brush: Brush, scenario: Scenario, plan: Any, side: Any) -> None:
+        self.brush, self.scenario = brush, scenario
+        low, high = view_bounds(scenario)
+        extent, centre = high - low, (low + high) / 2
+        margin, title = 2 * _MARGIN * brush.scale, 16 * brush.scale
+        room = [
+            (rect.width - margin) / extent[0] for rect in (plan, side)
+        ] + [(plan.height - margin - title) / extent[1], (side.height - margin - title) / extent[2]]  # fmt: skip
+        scale = min(room)
+        below = brush.pygame.Rect(plan).move(0, round(title / 2)), brush.pygame.Rect(side).move(0, round(title / 2))
+        self.plan, self.side = View(below[0], 0, 1, centre, scale), View(below[1], 0, 2, centre, scale)
+        self.frames = (plan, side)
+        self.reference = paint.nice(force_scale(scenario) / 8)
+        self.limit = scenario.contact.wall_force_limit
+        self._bodies = [body_halves(m.magnet) for m in scenario.rig.magnets]
+        self._wire = max(3.0 * brush.scale, 2 * scenario.wire.radius * scale)
+
+    # --- what stands still ------------------------------------------------------------------------------------------
+
+    def background(self, surface: Any) -> None:
+        """Panels, lumen, scale bars and titles."""
+        for view, rect, title in ((self.plan, self.frames[0], "plan  x–y"), (self.side, self.frames[1], "side  x–z")):
+            self.brush.pygame.draw.rect(surface, paint.PANEL, rect)
+            self._lumen(surface, view, rect)
+            self.brush.text(surface, title, (rect.x + 6, rect.y + 4), 11, paint.INK)
+            self._scale_bar(surface, view, rect)
+
+    def _lumen(self, surface: Any, view: View, rect: Any) -> None:
+        """The tube as ribbons from far to near, drawn four times as large and scaled down, which smooths its edges."""
+        pygame, tract, big = self.brush.pygame, self.scenario.tract, 4
+        s = np.linspace(0.0, tract.length, max(200, math.ceil(tract.length / 1.5e-3)))
+        points, radius = tract.position(s), tract.radius_at(s)
+        flat = (view.px(points) - rect.topleft) * big
+        along = view.direction(tract.tangent(s))
+        across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+        side = across * (radius * view.scale * big)[:, None]
+        depth = view.nearness(points)
+        tone = (depth - depth.min()) / max(float(np.ptp(depth)), 1e-9)
+        layer = self.brush.surface((rect.width * big, rect.height * big), paint.PANEL)
+        near, far = np.array(paint.LUMEN_NEAR), np.array(paint.LUMEN_FAR)
+        for i in np.argsort(depth[:-1]):
+            colour = tuple(np.round(far + tone[i] * (near - far)).astype(int).tolist())
+            left, right = (flat + side)[i : i + 2], (flat - side)[i : i + 2]
+            pygame.draw.polygon(layer, colour, [*left, *right[::-1]])
+            # A tube seen end on has no ribbon: a disk stands for it, and rounds the joints.
+            pygame.draw.circle(layer, colour, flat[i], radius[i] * view.scale * big - 3)
+            for edge in (left, right):
+                pygame.draw.line(layer, paint.LUMEN_EDGE, edge[0], edge[1], 5)
+        surface.blit(pygame.transform.smoothscale(layer, rect.size), rect)
+
+    def _scale_bar(self, surface: Any, view: View, rect: Any) -> None:
+        length = paint.nice(0.16 * rect.width / view.scale)
+        y, x = rect.bottom - 8, rect.x + 8
+        width = round(length * view.scale)
+        self.brush.pygame.draw.line(surface, paint.INK, (x, y), (x + width, y), max(2, round(2 * self.brush.scale)))
+        self.brush.text(surface, f"{1e3 * length:g} mm", (x + width + 5, y - 8 * self.brush.scale), 11)
+
+    # --- what moves -------------------------------------------------------------------------------------------------
+
+    def draw(self, surface: Any, now: Snapshot) -> None:
+        """Magnets, target, wire, tip and forces."""
+        for view, rect in zip((self.plan, self.side), self.frames, strict=True):
+            surface.set_clip(rect)
+            self._target(surface, view, now)
+            self._magnets(surface, view, now)
+            self._wire_line(surface, view, now)
+            self._forces(surface, view, now)
+            self._tip(surface, view, now)
+        surface.set_clip(None)
+
+    def _target(self, surface: Any, view: View, now: Snapshot) -> None:
+        """A bar right across the lumen, with a dot: seen end on, the dot is left."""
+        tract = self.scenario.tract
+        at = view.px(tract.position(now.goal))
+        along = view.direction(tract.tangent(now.goal))
+        size = float(np.hypot(*along))
+        reach = 1.5 * float(tract.radius_at(now.goal)) * view.scale
+        if size > 0.1:
+            across = np.array([-along[1], along[0]]) / size * reach
+            self.brush.pygame.draw.line(
+                surface, paint.TARGET, at - across, at + across, max(3, round(3 * self.brush.scale))
+            )
+        self.brush.pygame.draw.circle(surface, paint.TARGET, at, 4 * self.brush.scale)
+
+    def _magnets(self, surface: Any, view: View, now: Snapshot) -> None:
+        pygame, brush = self.brush.pygame, self.brush
+        rotations = magnet_rotations(self.scenario, now.magnet)
+        for halves, rotation, centre in zip(self._bodies, rotations, now.magnet_positions, strict=True):
+            layer = brush.surface(view.rect.size)
+            corner = np.array(view.rect.topleft)
+            poles = []
+            for corners, colour, letter in zip(halves, (paint.NORTH, paint.SOUTH), "NS", strict=True):
+                world = corners @ rotation.T + centre
+                poles.append((float(view.nearness(world).mean()), view.px(world), colour, letter))
+            poles.sort(key=lambda pole: pole[0])
+            middles = [hull.mean(axis=0) for _, hull, _, _ in poles]
+            for _, points, colour, _ in poles:
+                pygame.draw.polygon(layer, (*colour, 96), convex_hull(points - corner))
+            surface.blit(layer, corner)
+            for _, points, colour, _ in poles:
+                pygame.draw.polygon(surface, colour, convex_hull(points), max(2, round(2 * brush.scale)))
+            near_only = float(np.hypot(*(middles[0] - middles[1]))) < 14 * brush.scale
+            for (_, _, _, letter), at in list(zip(poles, middles, strict=True))[1 if near_only else 0 :]:
+                brush.text(surface, letter, (at[0], at[1] - 7 * brush.scale), 14, paint.INK, "centre")
+
+    def _wire_line(self, surface: Any, view: View, now: Snapshot) -> None:
+        nodes = view.px(now.nodes)
+        self._stroke(surface, nodes, [paint.WIRE_EDGE] * len(nodes), self._wire)
+        colours = [paint.load_colour(c / self.limit) for c in now.contact]
+        self._stroke(surface, nodes, colours, self._wire - 2 * max(1.0, 0.75 * self.brush.scale))
+
+    def _tip(self, surface: Any, view: View, now: Snapshot) -> None:
+        """The tip magnet, larger than life, its moment as an arrow from it."""
+        pygame, scale = self.brush.pygame, self.brush.scale
+        tip = view.px(now.tip_position)
+        along = view.direction(now.tip_tangent)
+        for colour, way in ((paint.SOUTH, -1.0), (paint.NORTH, 1.0)):
+            end = tip + way * 8 * scale * along
+            pygame.draw.line(surface, colour, tip, end, max(4, round(5 * scale)))
+        self.brush.arrow(surface, tip + 7 * scale * along, tip + 19 * scale * along, paint.NORTH, 2.0, 6.0)
+        pygame.draw.circle(surface, paint.TIP, tip, 2.5 * scale)
+
+    def _stroke(self, surface: Any, points: np.ndarray, colours: list, width: float) -> None:
+        """A thick line with round joints, the colour of each piece that of its second node."""
+        pygame = self.brush.pygame
+        ways = np.diff(points, axis=0)
+        length = np.maximum(np.hypot(ways[:, 0], ways[:, 1]), 1e-9)
+        across = np.stack([-ways[:, 1], ways[:, 0]], axis=1) * (width / 2 / length)[:, None]
+        left, right = points[:-1] + across, points[:-1] - across
+        left_end, right_end = points[1:] + across, points[1:] - across
+        for i, colour in enumerate(colours[1:]):
+            pygame.draw.polygon(surface, colour, (left[i], left_end[i], right_end[i], right[i]))
+            pygame.draw.circle(surface, colour, points[i + 1], width / 2)
+
+    def _forces(self, surface: Any, view: View, now: Snapshot) -> None:
+        """The magnetic force and what of it drives the tip along the tract, joined by a thin line."""
+        tip = view.px(now.tip_position)
+        size = _FORCE_LENGTH * self.brush.scale / self.reference
+        force, drive = (
+            tip + size * view.direction(v) for v in (now.tip_force, now.drive_force * now.tip_tangent)
+        )  # fmt: skip
+        self.brush.pygame.draw.aaline(surface, paint.FAINT, force, drive)
+        self.brush.arrow(surface, tip, force, paint.FORCE, 2.0, 8.0)
+        self.brush.arrow(surface, tip, drive, paint.DRIVE, 4.0, 9.0)
+
+
+def convex_hull(points: np.ndarray) -> list[tuple[float, float]]:
+    """The hull of points (k, 2), in order round it."""
+    order = sorted(set(map(tuple, np.round(points, 3).tolist())))
+    if len(order) < 3:
+        return [*order, *order[:1] * (3 - len(order))]
+    chains: list[list[tuple[float, float]]] = []
+    for sequence in (order, order[::-1]):
+        chain: list[tuple[float, float]] = []
+        for p in sequence:
+            while len(chain) > 1 and _turn(chain[-2], chain[-1], p) <= 0:
+                chain.pop()
+            chain.append(p)
+        chains.append(chain[:-1])
+    return chains[0] + chains[1]
+
+
+def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
