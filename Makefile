@@ -1,13 +1,14 @@
 # make train: install what is needed, train the default policy, print the table.
 # make test:  install what is needed, run the whole suite.
 # make bench: the speed benchmarks, ratios from one run.
+# make pictures: the README's pictures anew.
 
 PYTHON ?= python3
 VENV   := .venv
 PY     := $(VENV)/bin/python
 PIP    := $(PY) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: train test lint bench clean
+.PHONY: train test lint bench pictures clean
 
 train: $(VENV)/train.stamp
 	$(PY) train.py $(ARGS)
@@ -23,6 +24,9 @@ lint: $(VENV)/test.stamp
 bench: $(VENV)/test.stamp
 	$(PY) tests/speed/accuracy.py
 
+pictures: $(VENV)/test.stamp
+	$(PY) -m agents.pictures docs/pictures
+
 clean:
 	rm -rf $(VENV) build dist *.egg-info
 
@@ -34,5 +38,5 @@ $(VENV)/train.stamp: pyproject.toml constraints.txt
 	touch $@
 
 $(VENV)/test.stamp: $(VENV)/train.stamp
-	$(PIP) --editable '.[train,test]'
+	$(PIP) --editable '.[train,test,view]'
 	touch $@
