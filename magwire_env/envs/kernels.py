@@ -30,6 +30,8 @@ LANE_FIELDS = 10
 ) = range(11)  # fmt: skip
 VALUE_FIELDS = 11
 
+SUMMARY = ("steps", "time", "peak_wall_force", "mean_wall_force", "peak_lateral_force", "magnet_travel")
+
 # Kinds of observed numbers
 RESULT, ARCLENGTH, DISTANCE_LEFT, SINE, COSINE, SLIDE = range(6)
 
@@ -108,6 +110,30 @@ def judge(n, out, trace, step_limit, weights, lanes, values):
         store(lanes[PEAK_LATERAL], lane, maximum(load(lanes[PEAK_LATERAL], lane), load(out[_PEAK_LATERAL], lane)))
         store(lanes[SUM_WALL], lane, load(lanes[SUM_WALL], lane) + wall)
         store(lanes[TRAVEL], lane, load(lanes[TRAVEL], lane) + load(out[_TRAVEL], lane))
+
+
+@njit(**_JIT)
+def summarise(ended, trace, period, lanes, summary):
+    """Totals of the episodes that ended in the lanes `ended`, each into its column of `summary`, see `SUMMARY`.
+
+    The time, s, runs to the goal's crossing, linear within the substep in which the tip passed it.
+    """
+    last = trace.shape[0] - 1
+    for lane in ended:
+        goal, steps = lanes[GOAL, lane], lanes[STEPS, lane]
+        elapsed = steps
+        for k in range(last):
+            before, after = trace[k, lane], trace[k + 1, lane]
+            if after >= goal or before >= goal:
+                share = min(max((goal - before) / (after - before), 0.0), 1.0) if after > before else 1.0
+                elapsed = steps - 1.0 + (k + share) / last
+                break
+        summary[0, lane] = steps
+        summary[1, lane] = elapsed * period
+        summary[2, lane] = lanes[PEAK_WALL, lane]
+        summary[3, lane] = lanes[SUM_WALL, lane] / steps
+        summary[4, lane] = lanes[PEAK_LATERAL, lane]
+        summary[5, lane] = lanes[TRAVEL, lane]
 
 
 @njit(**_JIT)

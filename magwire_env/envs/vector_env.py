@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 __all__ = ["MagWireVectorEnv"]
 
+_NONE = np.empty(0, dtype=np.int64)
+
 
 class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """`MagWireEnv` over many lanes at once; lane i of a batch seeded s is the single env seeded s + i.
@@ -110,19 +112,18 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise gym.error.ResetNeeded(
                 f"lane {int(np.flatnonzero(self._ended)[0])} has ended: reset it with options={{'reset_mask': …}} first"
             )
-        again = np.flatnonzero(self._ended) if self.autoreset_mode == AutoresetMode.NEXT_STEP else np.empty(0, np.int64)
+        again = self._ended.nonzero()[0] if self.autoreset_mode == AutoresetMode.NEXT_STEP else _NONE
         reward, terminated, truncated, info = self.core.step(actions)
         if len(again):
             reward[again] = 0.0
             terminated[again] = truncated[again] = False
         self._ended = terminated | truncated
-        done = np.flatnonzero(self._ended)
+        done = self._ended.nonzero()[0]
         spoken = np.ones(self.num_envs, dtype=np.bool_)
         spoken[again] = False
         infos = _masked(info, spoken)
         if len(done):
-            summary = {k: _spread(v, done, self.num_envs) for k, v in self.core.summary(done).items()}
-            infos["summary"], infos["_summary"] = _masked(summary, self._ended), self._ended.copy()
+            infos["summary"], infos["_summary"] = _masked(self.core.summary(done), self._ended), self._ended.copy()
         if len(again):
             self._begin(again, {})
         observation = self.core.observe()
@@ -190,9 +191,3 @@ def _masked(values: dict[str, np.ndarray], mask: np.ndarray) -> dict[str, Any]:
     infos: dict[str, Any] = dict(values)
     infos.update({f"_{key}": mask for key in values})
     return infos
-
-
-def _spread(values: np.ndarray, lanes: np.ndarray, n: int) -> np.ndarray:
-    out = np.zeros(n, dtype=values.dtype)
-    out[lanes] = values
-    return out

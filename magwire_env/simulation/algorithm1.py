@@ -119,7 +119,7 @@ def place_in_table(s, par):
 
 @njit(**_INLINE)
 def snap(s, par, table):
-    """Step ix. A joint is on the spline by construction: position and tangent follow from its arc length `s`."""
+    """Step ix. A joint is on the spline by construction: position, tangent and p'' follow from its arc length `s`."""
     row, u = place_in_table(s, par)
     bx, by, bz = gather(table, row, 3), gather(table, row, 4), gather(table, row, 5)
     cx, cy, cz = gather(table, row, 6), gather(table, row, 7), gather(table, row, 8)
@@ -127,19 +127,17 @@ def snap(s, par, table):
     px = gather(table, row, 0) + u * (bx + u * (cx + u * dx))
     py = gather(table, row, 1) + u * (by + u * (cy + u * dy))
     pz = gather(table, row, 2) + u * (bz + u * (cz + u * dz))
-    v = 3.0 * u
-    return px, py, pz, bx + u * (2.0 * cx + v * dx), by + u * (2.0 * cy + v * dy), bz + u * (2.0 * cz + v * dz)
+    v, w = 3.0 * u, 6.0 * u
+    tx, ty, tz = bx + u * (2.0 * cx + v * dx), by + u * (2.0 * cy + v * dy), bz + u * (2.0 * cz + v * dz)
+    return px, py, pz, tx, ty, tz, 2.0 * cx + w * dx, 2.0 * cy + w * dy, 2.0 * cz + w * dz
 
 
 @njit(**_INLINE)
-def curve_at(s, par, table):
-    """Curvature vector κ n of the tract at arc length `s`."""
-    row, u = place_in_table(s, par)
-    v = 6.0 * u
-    kx = 2.0 * gather(table, row, 6) + v * gather(table, row, 9)
-    ky = 2.0 * gather(table, row, 7) + v * gather(table, row, 10)
-    kz = 2.0 * gather(table, row, 8) + v * gather(table, row, 11)
-    return kx, ky, kz
+def curvature(tx, ty, tz, ax, ay, az):
+    """The vector κ n = dt/ds from the tangent, whose length is 1 to 1e-5 only, and its derivative p''."""
+    inv = rsqrt(dot(tx, ty, tz, tx, ty, tz))
+    along = dot(tx, ty, tz, ax, ay, az) * inv * inv
+    return inv * (ax - along * tx), inv * (ay - along * ty), inv * (az - along * tz)
 
 
 @njit(**_INLINE)
@@ -162,9 +160,8 @@ def dot(ax, ay, az, bx, by, bz):
 @njit(**_JIT)
 def tip_pose(s, par, table, out):
     """The tip's position, tangent and curvature vector, for the magnetic force and for the observer."""
-    tip = load(s, len(s) - LANES)
-    px, py, pz, tx, ty, tz = snap(tip, par, table)
-    kx, ky, kz = curve_at(tip, par, table)
+    px, py, pz, tx, ty, tz, ax, ay, az = snap(load(s, len(s) - LANES), par, table)
+    kx, ky, kz = curvature(tx, ty, tz, ax, ay, az)
     store3(out, TIP_X, px, py, pz)
     store3(out, TAN_X, tx, ty, tz)
     store3(out, CURV_X, kx, ky, kz)
@@ -353,7 +350,7 @@ def joint_forces(w, nodes, spare, wire, par, table, out, s, v, h):
     tip = nodes - 1
     zero, mu = spread(0.0), load(par, MU)
     gx, gy, gz = load3(par, GX)
-    px, py, pz, tx, ty, tz = snap(load(s, 0), par, table)
+    px, py, pz, tx, ty, tz, ax, ay, az = snap(load(s, 0), par, table)
     # Of the node below: tangent, what has been summed of its row. Of the segment below: direction, tension, ends.
     sx, sy, sz, q_below, normal_below, diag_below, off_below = zero, zero, zero, zero, zero, zero, zero
     ux, uy, uz, inv, a, b, fx, fy, fz = zero, zero, zero, zero, zero, zero, zero, zero, zero
@@ -363,10 +360,11 @@ def joint_forces(w, nodes, spare, wire, par, table, out, s, v, h):
         w0, n = i * WIRE_STRIDE, (i + 1) * LANES
         speed, mass = load(v, i * LANES), load(wire, w0 + MASS)
         if i + 1 < tip:
-            nx, ny, nz, ex, ey, ez = snap(load(s, n), par, table)
+            nx, ny, nz, ex, ey, ez, cx, cy, cz = snap(load(s, n), par, table)
         else:
             nx, ny, nz = load3(out, TIP_X)
             ex, ey, ez = load3(out, TAN_X)
+            cx, cy, cz = zero, zero, zero
         k = load(wire, w0 + K_AXIAL)
         lx, ly, lz, inv_up, tension = spring_force(nx - px, ny - py, nz - pz, k, load(wire, w0 + REST))
         a_up, b_up = dot(tx, ty, tz, lx, ly, lz), dot(ex, ey, ez, lx, ly, lz)
@@ -393,14 +391,14 @@ def joint_forces(w, nodes, spare, wire, par, table, out, s, v, h):
             )
             off_last = off_below
         if i <= spare:  # a tail: the batch's wires differ by up to `spare` nodes
-            kx, ky, kz = curve_at(load(s, i * LANES), par, table)
+            kx, ky, kz = curvature(tx, ty, tz, ax, ay, az)
             here, far = end_bending(
                 load(wire, w0 + K_END), -inv_up, kx, ky, kz, lx, ly, lz, a_up, dot(tx, ty, tz, ex, ey, ez), b_up
             )
             q, q_up = q + here, q_up + far
         sx, sy, sz, q_below, normal_below, diag_below, off_below = tx, ty, tz, q, normal, diag, off
         ux, uy, uz, inv, a, b, fx, fy, fz = lx, ly, lz, inv_up, a_up, b_up, hx, hy, hz
-        px, py, pz, tx, ty, tz = nx, ny, nz, ex, ey, ez
+        px, py, pz, tx, ty, tz, ax, ay, az = nx, ny, nz, ex, ey, ez, cx, cy, cz
         q, diag = q_up, h * k * b_up * b_up
     w0 = tip * WIRE_STRIDE
     speed, mass = load(v, tip * LANES), load(wire, w0 + MASS)
@@ -627,17 +625,17 @@ def lay_at_rest(lanes, tip_arclength, wire, par, table, s, v, work):
             for i in range(nodes):
                 rest[i * LANES + l] = wire[block, i * WIRE_STRIDE + REST + own]
             arcs[tip + l] = tip_arclength[first + min(l, count - 1)]
-        nx, ny, nz, _, _, _ = snap(load(arcs, tip), p, table)
+        nx, ny, nz, _, _, _, _, _, _ = snap(load(arcs, tip), p, table)
         for i in range(nodes - 2, -1, -1):
             length = load(rest, i * LANES)
             at = load(arcs, (i + 1) * LANES) - length
             for _ in range(5):  # Newton on chord = rest length; it starts within a few per cent and is quadratic
-                px, py, pz, tx, ty, tz = snap(at, p, table)
+                px, py, pz, tx, ty, tz, _, _, _ = snap(at, p, table)
                 dx, dy, dz = nx - px, ny - py, nz - pz
                 chord = sqrt(dot(dx, dy, dz, dx, dy, dz))
                 at = at + (chord - length) / maximum(dot(dx, dy, dz, tx, ty, tz) / chord, 0.2)
             store(arcs, i * LANES, at)
-            nx, ny, nz, _, _, _ = snap(at, p, table)
+            nx, ny, nz, _, _, _, _, _, _ = snap(at, p, table)
         for l in range(count):
             lane = lanes[first + l]
             block, own = lane // LANES, lane % LANES

@@ -134,7 +134,7 @@ class LaneArrays:
                 self.par[-1, field + a1.LANES - spare : field + a1.LANES] = 0.0
             self._lane_cloud[-1, -spare:] = self._lane_cloud[-1, 0]
             self._stack_clouds(np.array([len(self.par) - 1]))
-            self.lay_at_rest(np.arange(self.n, self.n + spare), self.library.wire_length[0])
+            self.lay_at_rest(np.arange(self.n, self.n + spare), np.full(spare, self.library.wire_length[0]))
 
     def take(self, lanes: np.ndarray, entries: np.ndarray) -> None:
         """Give `lanes` the parameters of the library's `entries`."""
@@ -185,11 +185,18 @@ class LaneArrays:
         s, v = (array.reshape(len(array), -1, a1.LANES)[block, :, lane] for array in (self.s, self.v))
         return s, v, self.q[:, lanes].T.copy()
 
-    def lay_at_rest(self, lanes: np.ndarray, tip_arclength: np.ndarray | float) -> None:
+    def lay_at_rest(self, lanes: np.ndarray, tip_arclength: np.ndarray) -> None:
         """Wires of `lanes` at rest behind tips at `tip_arclength`; `refresh` must follow."""
-        tips = np.empty(len(lanes))
-        tips[:] = tip_arclength
-        a1.lay_at_rest(lanes, tips, self.wire, self.par, self.library.table, self.s, self.v, self._workspaces[0])
+        a1.lay_at_rest(
+            lanes,
+            np.ascontiguousarray(tip_arclength),
+            self.wire,
+            self.par,
+            self.library.table,
+            self.s,
+            self.v,
+            self._workspaces[0],
+        )
 
     def refresh(self, lanes: np.ndarray) -> None:
         """Bring the loads in `out` up to date with the state of `lanes`."""
@@ -200,7 +207,10 @@ class LaneArrays:
                 self.library.table, self.s, self.v, self.q, self.out, work,
             )  # fmt: skip
 
-        share_out(run, np.unique(np.asarray(lanes) // a1.LANES), self._workspaces, self.threads)
+        if len(lanes) < a1.LANES:  # a block twice is cheaper than sorting them out
+            run(lanes // a1.LANES, self._workspaces[0])
+        else:
+            share_out(run, np.unique(lanes // a1.LANES), self._workspaces, self.threads)
 
     def step(self) -> None:
         """One control period of every lane under `command`."""

@@ -158,8 +158,12 @@ class Simulator:
         if tip.shape not in ((), (n,)) or not np.isfinite(tip).all():
             raise ValueError(f"tip_arclength must be one finite number or {n} of them (in m), got {tip_arclength!r}")
         magnet = self.library.home[entries] if magnet is None else self._checked(magnet, n, "magnet")
-        self._now.lay_at_rest(lanes, tip)
-        self._now.write(lanes, magnet=magnet)
+        self.lay(lanes, np.broadcast_to(tip, (n,)), magnet)
+
+    def lay(self, lanes: np.ndarray, tip_arclength: np.ndarray, magnet: np.ndarray) -> None:
+        """`reset` of `lanes` (n,), unchecked: tips at (n,) m, magnets at (n, dof) rad or m."""
+        self._now.lay_at_rest(lanes, tip_arclength)
+        self._now.q[:, lanes] = magnet.T
         self._now.refresh(lanes)
         self.time[lanes] = 0.0
 
