@@ -304,17 +304,22 @@ def bending_force(k, cos, inv_lower, inv_upper, before, after, a0, b0, a1, b1):
 
 
 @njit(**_INLINE)
-def end_bending(k, per, kx, ky, kz, ux, uy, uz, cos, far_t, far_u):
+def end_bending(k, per, tx, ty, tz, kx, ky, kz, ux, uy, uz, ex, ey, ez):
     """Step v at a wire's end: half a cell of bend between the end segment and the tract's tangent it is locked to.
 
     With K_END = 2 E I/ℓ this is ½ E I κ² over the half segment that no joint stands for; left out, the bending
     resistance would be felt half a segment late, which was nearly all of the mesh's error.
 
-    per : 1/length of the end segment, negative at the tail; cos : tangent and segment; far_t, far_u : the tangent at
-    the segment's other end along this one and along the segment. Returns the forces on the end node and the other.
+    per : 1/length of the end segment u, negative at the tail; t, κ n : the end node's tangent and curvature vector;
+    e : the tangent at the segment's other end. Returns the forces on the end node and on the other.
     """
+    inv = rsqrt(dot(tx, ty, tz, tx, ty, tz))
+    nx, ny, nz = tx * inv, ty * inv, tz * inv
+    along = dot(tx, ty, tz, ux, uy, uz)
+    cos = along * inv
     g = stiffened(k, cos)
-    return g * (dot(kx, ky, kz, ux, uy, uz) + per * (1.0 - cos * cos)), g * per * (cos * far_u - far_t)
+    here = dot(kx, ky, kz, ux, uy, uz) + per * (dot(tx, ty, tz, nx, ny, nz) - cos * along)
+    return g * here, g * per * (cos * dot(ex, ey, ez, ux, uy, uz) - dot(ex, ey, ez, nx, ny, nz))
 
 
 @njit(**_INLINE)
@@ -392,9 +397,7 @@ def joint_forces(w, nodes, spare, wire, par, table, out, s, v, h):
             off_last = off_below
         if i <= spare:  # a tail: the batch's wires differ by up to `spare` nodes
             kx, ky, kz = curvature(tx, ty, tz, ax, ay, az)
-            here, far = end_bending(
-                load(wire, w0 + K_END), -inv_up, kx, ky, kz, lx, ly, lz, a_up, dot(tx, ty, tz, ex, ey, ez), b_up
-            )
+            here, far = end_bending(load(wire, w0 + K_END), -inv_up, tx, ty, tz, kx, ky, kz, lx, ly, lz, ex, ey, ez)
             q, q_up = q + here, q_up + far
         sx, sy, sz, q_below, normal_below, diag_below, off_below = tx, ty, tz, q, normal, diag, off
         ux, uy, uz, inv, a, b, fx, fy, fz = lx, ly, lz, inv_up, a_up, b_up, hx, hy, hz
@@ -412,7 +415,7 @@ def joint_forces(w, nodes, spare, wire, par, table, out, s, v, h):
     q = q + (mass / h - load(wire, w0 + DRAG_OLD)) * speed
     diag = diag + mass / h + load(wire, w0 + DRAG_NEW)
     kx, ky, kz = load3(out, CURV_X)
-    here, far = end_bending(load(wire, w0 + K_END), inv, kx, ky, kz, ux, uy, uz, b, dot(tx, ty, tz, sx, sy, sz), a)
+    here, far = end_bending(load(wire, w0 + K_END), inv, tx, ty, tz, kx, ky, kz, ux, uy, uz, sx, sy, sz)
     q, q_below = q + here, q_below + far
     below = load(v, (tip - 1) * LANES)
     store_row(w, tip - 1, q_below, normal_below, diag_below, off_below)
