@@ -65,13 +65,63 @@ def evaluate(options: Evaluate) -> None:
     print(table(rows))
 
 
+@dataclass
+class Validate:
+    """Check the physics against closed forms, magpylib, PyElastica and conservation laws; status 1 if a check fails."""
+
+    quick: bool = False
+    """The size the test suite runs: seconds in place of minutes."""
+    markdown: bool = False
+    """Print the table as Markdown."""
+
+
+def validate(options: Validate) -> None:
+    """Print the table of checks, and how many hold."""
+    from magwire_env.validation import CHECKS, FULL, TEST, run, table
+
+    rows = run(CHECKS, TEST if options.quick else FULL)
+    print(table(rows, options.markdown))
+    verdicts = [row.verdict for row in rows]
+    counts = {name: verdicts.count(name) for name in ("holds", "skipped", "FAILS")}
+    print(f"\n{counts['holds']} hold, {counts['skipped']} skipped, {counts['FAILS']} fail")
+    if counts["FAILS"]:
+        sys.exit(1)
+
+
+@dataclass
+class Figures:
+    """Draw the paper's figures as PNG and PDF, with their data beside them as CSV."""
+
+    out: Path = Path("figures")
+    """Folder to write to."""
+    only: tuple[str, ...] = ()
+    """Names of the figures wanted; by default all."""
+
+
+def figures(options: Figures) -> None:
+    """Write the figures, and print the files' names."""
+    from magwire_env.figures import draw
+
+    for path in draw(options.out, options.only):
+        print(path)
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Run one subcommand; bad input ends with one line and status 1."""
-    commands = Annotated[Train, tyro.conf.subcommand("train")] | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    commands = (
+        Annotated[Train, tyro.conf.subcommand("train")]
+        | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+        | Annotated[Validate, tyro.conf.subcommand("validate")]
+        | Annotated[Figures, tyro.conf.subcommand("figures")]
+    )
     options = tyro.cli(commands, prog="magwire", description=__doc__, args=arguments)  # type: ignore[call-overload]
     try:
         if isinstance(options, Evaluate):
             evaluate(options)
+        elif isinstance(options, Validate):
+            validate(options)
+        elif isinstance(options, Figures):
+            figures(options)
         else:
             train.main(options)
     except BAD_INPUT as error:
