@@ -116,17 +116,14 @@ def test_resistance_of_a_frictionless_wire_is_what_the_bends_store():
     assert claims.resistance(paper, 0.42, -1.0) == pytest.approx(-stored, rel=1e-9)
 
 
-@pytest.mark.parametrize("depth", [0.01, 0.04, 0.08])
-def test_friction_along_the_wire_is_the_capstan_s(depth):
-    """The head in an arc, the tail in the straight: ½ E I κ² at the entrance, grown by e^{μφ} on the way to the tip."""
+@pytest.mark.parametrize("depth", [0.02, 0.04, 0.08])
+def test_friction_along_a_wire_with_its_head_in_an_arc(depth):
+    """In closed form, b = ½ E I κ²: forward b (2 − e^{−μφ}), back b (e^{μφ} − 2)."""
     bend, mu = 0.05, 0.3
     scenario = bench(straight_then_arc(bend, math.pi, 0.5, 2.5e-3), contact=Contact(friction=mu))
-    entrance = 0.5 * scenario.wire.bending_rigidity / bend**2
-    ours = claims.resistance(scenario, 0.5 + depth, 1.0)
-    assert ours == pytest.approx(entrance * math.exp(mu * depth / bend), rel=1e-2)
-    assert claims.resistance(scenario, 0.5 + depth, -1.0) == pytest.approx(
-        -entrance * math.exp(-mu * depth / bend), rel=1e-2
-    )
+    b, grown = 0.5 * scenario.wire.bending_rigidity / bend**2, math.exp(mu * depth / bend)
+    assert claims.resistance(scenario, 0.5 + depth, 1.0) == pytest.approx(b * (2 - 1 / grown), rel=2e-2)
+    assert claims.resistance(scenario, 0.5 + depth, -1.0) == pytest.approx(b * (grown - 2), rel=2e-2)
 
 
 def test_margins_name_the_weakest_place():

@@ -27,6 +27,7 @@ CHECKS = (
     Check("friction on a straight tract", motion.friction),
     Check("capstan", motion.capstan),
     Check("release force", motion.release_force),
+    Check("creep out of a bend", motion.creep_out),
     Check("generalised force", motion.generalised_force),
     Check("closed tract", motion.closed_tract),
     Check("energy", motion.energy),

@@ -15,6 +15,7 @@ from ..anatomy.named import straight
 from ..physics import PointDipole, force
 from ..scenario import ActuatedMagnet, Rig, Scenario, Turn, above
 from ..simulation import Simulator, best_command, drive_at
+from .balance import resistance
 from .magnets import TIP
 from .report import Row, Size, at_least, at_most
 
@@ -60,24 +61,6 @@ def greatest_margin(scenario: Scenario, tip: float, direction: float) -> float:
     sim.reset(tip_arclength=tip, magnet=angles[:, None])
     net = direction * sim.drive_force - scenario.contact.friction * sim.lateral_force
     return float(net.max()) - resistance(scenario, tip, direction)
-
-
-def resistance(scenario: Scenario, tip: float, direction: float, cells: int = 400) -> float:
-    """Force at the tip, N along the travel, that a wire needs to slide slowly; without the tip's own friction.
-
-    The tension T, zero at the free tail, grows towards the tip by dT/ds = d(½ E I κ²)/ds ± μ κ |T|, up the bends and
-    against capstan friction: what the model's springs and joints add up to for short segments. Gravity is left out.
-    """
-    wire, mu = scenario.wire, scenario.contact.friction
-    s = np.linspace(tip - wire.length, tip, cells + 1)
-    kappa = scenario.tract.curvature(s)
-    bending = np.diff(0.5 * wire.bending_rigidity * kappa**2)
-    grip = direction * mu * 0.5 * (kappa[1:] + kappa[:-1]) * wire.length / cells
-    tension = 0.0
-    for rise, rub in zip(bending, grip, strict=True):
-        middle = tension + 0.5 * (rise + rub * abs(tension))
-        tension += rise + rub * abs(middle)
-    return direction * tension
 
 
 # --- rows -------------------------------------------------------------------------------------------------------------
