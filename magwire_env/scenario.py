@@ -8,131 +8,34 @@ import tomllib
 import types
 import typing
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .physics.checks import finite, non_negative, one_of, positive, vector, whole
-from .physics.dipoles import field_gradient
-from .physics.fitted_cloud import SIZES
+from .imperfection import Reading, Sensing, Variation
+from .physics.checks import non_negative, one_of, positive, vector, whole
 from .physics.guidewire import Guidewire
-from .physics.magnets import RULES, BlockMagnet, CylinderMagnet, Magnet, PointDipole
+from .physics.magnets import BlockMagnet, CylinderMagnet, PointDipole
 from .physics.tract import Tract
+from .rig import ActuatedMagnet, Rig, Slide, Turn, cheapest_rule
 
-__all__ = ["COUPLINGS", "ActuatedMagnet", "Contact", "Rig", "Scenario", "Slide", "Timing", "Turn", "cheapest_rule"]
+__all__ = [
+    "COUPLINGS",
+    "ActuatedMagnet",
+    "Contact",
+    "Reading",
+    "Rig",
+    "Scenario",
+    "Sensing",
+    "Slide",
+    "Timing",
+    "Turn",
+    "Variation",
+]
 
 COUPLINGS = ("force", "wrench")
-_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _SHIPPED = Path(__file__).parent / "scenarios"
-
-
-@dataclass(frozen=True)
-class Turn:
-    """A magnet's rotation about a world axis through its centre.
-
-    axis : "x", "y" or "z"
-    home : rad; the action's zero, and the angle at rest
-    speed : rad/s at most; the servo turns the short way round
-    """
-
-    axis: str = "y"
-    home: float = 0.0
-    speed: float = math.pi
-
-    def __post_init__(self) -> None:
-        one_of("Turn.axis", self.axis, tuple(_AXES))
-        object.__setattr__(self, "home", finite("Turn.home", self.home, "rad"))
-        object.__setattr__(self, "speed", positive("Turn.speed", self.speed, "rad/s"))
-
-
-@dataclass(frozen=True)
-class Slide:
-    """A magnet's translation along a world axis, as an offset from its position.
-
-    axis : "x", "y" or "z"
-    low, high : m, the offset's limits; the action's −1 and +1
-    home : m; the offset at rest
-    speed : m/s at most
-    """
-
-    axis: str
-    low: float
-    high: float
-    home: float = 0.0
-    speed: float = 0.2
-
-    def __post_init__(self) -> None:
-        one_of("Slide.axis", self.axis, tuple(_AXES))
-        for name in ("low", "high", "home"):
-            object.__setattr__(self, name, finite(f"Slide.{name}", getattr(self, name), "m"))
-        object.__setattr__(self, "speed", positive("Slide.speed", self.speed, "m/s"))
-        if not self.low <= self.home <= self.high or self.low == self.high:
-            raise ValueError(f"Slide.home must lie in [low, high] with low < high (in m), got {self}")
-
-
-@dataclass(frozen=True)
-class ActuatedMagnet:
-    """An external magnet and how it may move.
-
-    magnet : the body
-    position : m, of its centre with every slide at 0
-    dofs : its actuated degrees of freedom in the order of the command; at most two turns (the second about a world
-        axis after the first) and three slides. At rest its moment lies along z; a turn by θ about y brings it to
-        (sin θ, 0, cos θ), as in the paper's Section III-C.
-    dipoles : (rule, n) of its cloud, see `magwire_env.physics.magnets`; empty: the scenario takes, and records, the
-        cheapest rule within 0.5 % of the exact force gradient at its own smallest distance
-    """
-
-    magnet: Magnet
-    position: tuple[float, float, float]
-    dofs: tuple[Turn | Slide, ...] = (Turn(),)
-    dipoles: tuple[Any, ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "position", vector("ActuatedMagnet.position", self.position, 3, "m"))
-        object.__setattr__(self, "dofs", tuple(self.dofs))
-        turns = [d for d in self.dofs if isinstance(d, Turn)]
-        slides = [d.axis for d in self.dofs if isinstance(d, Slide)]
-        if len(turns) > 2 or len(set(slides)) != len(slides):
-            raise ValueError(f"ActuatedMagnet.dofs must hold at most two turns and one slide an axis, got {self.dofs}")
-        if self.dipoles:
-            if not isinstance(self.dipoles, (tuple, list)) or len(self.dipoles) != 2:
-                raise ValueError(f"ActuatedMagnet.dipoles must be (rule, n) or empty, got {self.dipoles!r}")
-            rule, n = self.dipoles
-            one_of("ActuatedMagnet.dipoles", rule, RULES)
-            try:
-                self.magnet.dipoles(rule, n)
-            except ValueError as error:
-                raise ValueError(f"ActuatedMagnet.dipoles: {error}") from None
-            object.__setattr__(self, "dipoles", (rule, tuple(map(int, n)) if isinstance(n, (tuple, list)) else int(n)))
-
-    def distance_to(self, points: np.ndarray) -> float:
-        """Smallest distance from `points` (n, 3) m to the magnet's centre over the range of its slides, m."""
-        low, high = np.array(self.position), np.array(self.position)
-        for slide in self.dofs:
-            if isinstance(slide, Slide):
-                low += slide.low * np.array(_AXES[slide.axis])
-                high += slide.high * np.array(_AXES[slide.axis])
-        return float(np.linalg.norm(points - np.clip(points, low, high), axis=1).min())
-
-
-@dataclass(frozen=True)
-class Rig:
-    """The external magnets, at least one."""
-
-    magnets: tuple[ActuatedMagnet, ...]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "magnets", tuple(self.magnets))
-        if not self.magnets:
-            raise ValueError("Rig.magnets must hold at least one magnet, got none")
-
-    @property
-    def dofs(self) -> tuple[Turn | Slide, ...]:
-        """Every actuated degree of freedom, in the order of the command."""
-        return tuple(d for m in self.magnets for d in m.dofs)
 
 
 @dataclass(frozen=True)
@@ -181,6 +84,7 @@ class Scenario:
     tract, wire, tip : the lumen, the guidewire, and the magnet at its tip (moment along the tract's tangent)
     rig : the external magnets
     contact, coupling, gravity, timing : see the parts; gravity in m/s²
+    sensing, variation : what the policy's readings suffer, and what differs from episode to episode; by default nothing
 
     `coupling` is the force that drives the tip along the tract: ``"force"``, the paper's projection F·t, or
     ``"wrench"``, the generalised force F·t + m κ n·B that follows from the energy −m t·B, since a tip locked to a
@@ -199,6 +103,8 @@ class Scenario:
     coupling: str = "force"
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     timing: Timing = field(default_factory=Timing)
+    sensing: Sensing = field(default_factory=Sensing)
+    variation: Variation = field(default_factory=Variation)
 
     def __post_init__(self) -> None:
         one_of("Scenario.coupling", self.coupling, COUPLINGS)
@@ -310,34 +216,6 @@ def above(tract: Tract, distance: float) -> tuple[float, float, float]:
     # Above every near point by at least what keeps it on or outside its sphere of radius `distance`.
     z = (p[near, 2] + np.sqrt(distance**2 - flat[near] ** 2)).max() if near.any() else p[:, 2].mean()
     return (float(x), float(y), float(z))
-
-
-@lru_cache(maxsize=256)
-def cheapest_rule(magnet: Magnet, distance: float, tolerance: float = 5e-3) -> tuple[str, int]:
-    """The rule of fewest dipoles whose force gradient at `distance` m from the centre is within `tolerance` of exact.
-
-    Of the Gauss rules and, for a cuboid, the fitted clouds, which need about a third of the dipoles.
-
-    The worst of some hundred directions counts. "Exact" is 16 points a direction, or 24 close to the body, converged
-    to 2e-4 of the closed form even 1 mm from a corner.
-    """
-    count, reference = (200, 16) if distance > 1.2 * magnet.reach else (400, 24)
-    k = np.arange(count) + 0.5
-    z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
-    r = np.sqrt(1 - z**2)
-    points = distance * np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
-    exact = field_gradient(magnet.dipoles("gauss", reference), points)
-    size = np.linalg.norm(exact, axis=(1, 2))
-    rules = [(n**3, "gauss", n) for n in range(1, 16)]
-    if isinstance(magnet, BlockMagnet):
-        rules += [(n, "fitted", n) for n in SIZES]
-    for _, rule, n in sorted(rules):
-        error = np.linalg.norm(field_gradient(magnet.dipoles(rule, n), points) - exact, axis=(1, 2)) / size
-        if error.max() <= tolerance:
-            return (rule, n)
-    raise ValueError(
-        f"no Gauss rule up to 15 points a direction is within {tolerance:g} at {distance:.4g} m from {magnet}"
-    )
 
 
 # --- TOML -------------------------------------------------------------------------------------------------------------

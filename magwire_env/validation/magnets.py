@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from ..physics import BlockMagnet, CylinderMagnet, DipoleCloud, field, field_gradient, force, torque
-from ..scenario import Scenario, cheapest_rule
+from ..rig import cheapest_rule
+from ..scenario import Scenario
 from ..simulation import Simulator, best_command
 from .report import Row, Size, at_most
 
