@@ -21,7 +21,8 @@ try:
 except PackageNotFoundError:  # a source tree on the path, not installed
     __version__ = "0+source"
 
-TASK_IDS = ("MagWire/Steer-v0",)
+TASK_IDS = tuple(f"MagWire/{name}-v0" for name in ("Steer", "Reach", "Track", "SteerAny", "Orient", "Chase", "Dual"))
+"""The tasks of `envs.task.TASKS`, spelt out here so that importing this package loads nothing heavy."""
 
 for _id in TASK_IDS:
     gym.register(
@@ -30,6 +31,12 @@ for _id in TASK_IDS:
         vector_entry_point="magwire_env.envs.vector_env:MagWireVectorEnv",
         kwargs={"task": _id},
     )
+
+gym.register(
+    id="MagWire/ReachGoal-v0",
+    entry_point="magwire_env.envs.goal_env:MagWireGoalEnv",
+    kwargs={"task": "MagWire/Reach-v0"},
+)
 
 
 def __getattr__(name: str) -> Any:

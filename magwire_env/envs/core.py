@@ -9,13 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.checks import one_of, positive
+from ..physics.checks import one_of, positive, whole
 from ..scenario import Scenario
 from ..simulation import Simulator
 from . import kernels
 from .action import Actuation
-from .observation import DEFAULT, Observer
-from .task import TASKS, RewardWeights, Task
+from .episode import DRAWS, beginnings, references
+from .observation import REFERENCE_OFFSETS, Observer
+from .readings import Readings
+from .task import KINDS, TASKS, RewardWeights, Task
 
 __all__ = ["OPTIONS", "SteeringCore"]
 
@@ -41,78 +43,119 @@ class SteeringCore:
         scenario: Scenario | str | Path | Sequence[Scenario] | None = None,
         coupling: str | None = None,
         action_mode: str = "angle",
-        observe: Sequence[str] = DEFAULT,
+        observe: Sequence[str] | None = None,
         reward: str | RewardWeights = "dense",
         time_limit: float | None = None,
+        safety: bool = False,
+        split: str = "train",
+        pool_size: int = 64,
         threads: int | None = None,
     ) -> None:
         self.task = task if isinstance(task, Task) else TASKS[one_of("task", task, tuple(TASKS))]
-        scenarios = _scenarios(self.task, scenario, coupling)
-        for i, sc in enumerate(scenarios):
-            first, last = sc.wire.length - self.task.start_spread, sc.tract.length - self.task.goal_margin
-            if first < 0 or sc.wire.length + self.task.start_spread >= last:
-                raise ValueError(
-                    f"scenario[{i}].wire.length must leave a way between the start and the goal at {last:.3g} m, "
-                    f"got {sc.wire.length:g} m of wire"
-                )
+        self._draws_scenario = self.task.pool is not None and scenario is None
+        scenarios = _scenarios(self.task, scenario, coupling, split, pool_size)
+        _check_ways(self.task, scenarios)
+        self.sim = Simulator(
+            scenarios if len(scenarios) > 1 else scenarios[0], num_envs, threads,
+            np.zeros(num_envs, dtype=np.int64) if self._draws_scenario else None,
+        )  # fmt: skip
+        self.actuation = Actuation(self.sim, action_mode)
+        self.observer = Observer(self, self.task.observe if observe is None else observe)
+        self.time_limit = positive("time_limit", self.task.time_limit if time_limit is None else time_limit, "s")
+        self.step_limit = max(1, round(self.time_limit / self.sim.control_period))
+        self._readings = Readings(self)
+        self._kind = KINDS.index(self.task.kind)
+        self._safe = float(safety)
+        self._limit = np.array([sc.contact.wall_force_limit for sc in self.sim.library.scenarios])
+        self._set_reward(reward)
+        n = self.sim.num_envs
+        self._lanes = np.ones((kernels.LANE_FIELDS, self.sim.arrays.out.shape[1]))
+        self.goal, self.steps = self._lanes[kernels.GOAL, :n], self._lanes[kernels.STEPS, :n]
+        ahead = round(max(REFERENCE_OFFSETS) / self.sim.control_period)
+        self.reference = np.zeros((n, self.step_limit + ahead + 1 if self.task.kind == "track" else 0))
+        self._varies = any(sc.variation for sc in self.sim.library.scenarios)
+        self.varied = {name: np.ones(n) for name in ("friction", "stiffness", "remanence")} if self._varies else {}
+
+    def _set_reward(self, reward: str | RewardWeights) -> None:
         if isinstance(reward, str):
             one_of("reward", reward, ("dense", "sparse"))
         elif not isinstance(reward, RewardWeights):
             raise ValueError(f"reward must be 'dense', 'sparse' or RewardWeights, got {reward!r}")
-        self.sparse = reward == "sparse"
-        self.weights = reward if isinstance(reward, RewardWeights) else RewardWeights()
-        self.sim = Simulator(scenarios if len(scenarios) > 1 else scenarios[0], num_envs, threads)
-        self.actuation = Actuation(self.sim, action_mode)
-        self.observer = Observer(self.sim, observe)
-        self.time_limit = positive("time_limit", self.task.time_limit if time_limit is None else time_limit, "s")
-        self.step_limit = max(1, round(self.time_limit / self.sim.control_period))
-        self._limit = np.array([sc.contact.wall_force_limit for sc in self.sim.library.scenarios])
-        w = self.weights
-        self._weights = np.array([1.0, 0.0, 0.0, 0.0] if self.sparse else [w.success, w.progress, w.time, w.wall])
-        self._terms = _TERMS[:1] if self.sparse else _TERMS
-        self._lanes = np.ones((kernels.LANE_FIELDS, self.sim.arrays.out.shape[1]))
-        self.goal = self._lanes[kernels.GOAL, : self.sim.num_envs]
-        self.steps = self._lanes[kernels.STEPS, : self.sim.num_envs]
+        sparse, w = reward == "sparse", reward if isinstance(reward, RewardWeights) else RewardWeights()
+        self._weights = np.array([1.0, 0.0, 0.0, 0.0] if sparse else [w.success, w.progress, w.time, w.wall])
+        self._terms = _TERMS[:1] if sparse else _TERMS
 
     def begin(self, lanes: np.ndarray, rngs: Sequence[np.random.Generator], options: dict[str, Any] | None) -> None:
         """Start episodes in `lanes`, each drawing from its own generator; nothing changes if an option is bad."""
         lanes = np.asarray(lanes, dtype=np.int64)
-        sim, count = self.sim, range(1 + self.sim.dof)
-        library, entries = sim.library, sim.lane_scenario[lanes]
+        sim, task = self.sim, self.task
+        library, draws = sim.library, DRAWS[task.kind]
+        entries = sim.lane_scenario[lanes]
+        if self._draws_scenario:
+            entries = np.array([rng.integers(len(library.scenarios)) for rng in rngs])
         # One number at a time: a third of the time of asking each generator for an array.
-        drawn = np.array([[rng.random() for _ in count] for rng in rngs])
-        tip = library.wire_length[entries] + self.task.start_spread * (2.0 * drawn[:, 0] - 1.0)
-        goal = library.tract_length[entries] - self.task.goal_margin
+        drawn = np.array([[rng.random() for _ in range(draws + sim.dof)] for rng in rngs])
+        wire, tract = library.wire_length[entries], library.tract_length[entries]
+        tip, goal = beginnings(task, drawn[:, :draws], wire, tract)
         low, high = library.dofs[entries, :, 1:].transpose(2, 0, 1)
-        magnet = low + drawn[:, 1:] * (high - low)
+        magnet = low + drawn[:, draws:] * (high - low)
         if options:
-            tip, goal, magnet = self._overridden(options, lanes, tip, goal, magnet)
+            tip, goal, magnet = self._overridden(options, lanes, tract, tip, goal, magnet)
+        if self._draws_scenario or self._varies:
+            sim.assign(lanes, entries)
+        if self._varies:
+            self._vary(lanes, entries, rngs)
         sim.lay(lanes, tip, magnet)
         own = np.zeros((kernels.LANE_FIELDS, len(lanes)))
         own[kernels.GOAL] = goal
-        own[kernels.START_DISTANCE] = own[kernels.DISTANCE] = goal - tip
-        own[kernels.WALL_LIMIT], own[kernels.TRACT_LENGTH] = self._limit[entries], library.tract_length[entries]
+        own[kernels.DISTANCE] = goal - tip if task.kind == "steer" else np.abs(goal - tip)
+        own[kernels.START_DISTANCE] = task.tolerance if task.kind == "track" else own[kernels.DISTANCE]
+        own[kernels.WALL_LIMIT], own[kernels.TRACT_LENGTH] = self._limit[entries], tract
         self._lanes[:, lanes] = own
+        if task.kind == "track":
+            times = sim.control_period * np.arange(self.reference.shape[1])
+            self.reference[lanes] = references(task, drawn[:, :draws], wire, tract, times)
+        self._readings.begin(lanes, rngs)
+
+    def _vary(self, lanes: np.ndarray, entries: np.ndarray, rngs: Sequence[np.random.Generator]) -> None:
+        """Draw this episode's friction, stiffness, remanence and placement about the scenario's own."""
+        magnets = len(self.sim.library.rig)
+        drawn = np.array([rng.uniform(-1.0, 1.0, 3 + 3 * magnets) for rng in rngs])
+        ranges = [self.sim.library.scenarios[i].variation for i in entries]
+        factors = 1.0 + drawn[:, :3] * np.array([[v.friction, v.stiffness, v.remanence] for v in ranges])
+        placement = drawn[:, 3:] * np.array([v.placement for v in ranges])[:, None]
+        factors[:, 0] = np.maximum(factors[:, 0], 0.0)
+        self.sim.vary(lanes, *factors.T, placement.reshape(-1, magnets, 3))
+        for name, column in zip(self.varied, factors.T, strict=True):
+            self.varied[name][lanes] = column
 
     def _overridden(
-        self, options: dict[str, Any], lanes: np.ndarray, tip: np.ndarray, goal: np.ndarray, magnet: np.ndarray
+        self,
+        options: dict[str, Any],
+        lanes: np.ndarray,
+        tract: np.ndarray,
+        tip: np.ndarray,
+        goal: np.ndarray,
+        magnet: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         if unknown := set(options) - set(OPTIONS):
             raise ValueError(f"options must be of {', '.join(OPTIONS)}; got {min(unknown)!r}")
-        length = self.sim.library.tract_length[self.sim.lane_scenario[lanes]]
         n = self.sim.num_envs
+        if self.task.kind == "track" and ("target" in options or "tip_arclength" in options):
+            raise ValueError("options must be of magnet_angle alone in a tracking task, whose reference says the rest")
         if "target" in options:
             goal = _per_lane("target", options["target"], n, (), "m")[lanes]
-            if (goal <= 0).any() or (goal > length).any():
+            if (goal <= 0).any() or (goal > tract).any():
                 raise ValueError(
-                    f"options['target'] must lie in (0, {length.min():.4g}] (in m), got {options['target']!r}"
+                    f"options['target'] must lie in (0, {tract.min():.4g}] (in m), got {options['target']!r}"
                 )
         if "tip_arclength" in options:
             tip = _per_lane("tip_arclength", options["tip_arclength"], n, (), "m")[lanes]
-        if (tip < 0).any() or (tip >= goal).any():
+        limit = goal if self.task.kind == "steer" else tract
+        if (tip < 0).any() or (tip >= limit).any() or ((tip == goal).any() and self.task.kind != "track"):
             raise ValueError(
-                f"options['tip_arclength'] must lie in [0, target) with the target at {goal.min():.4g} (in m), "
-                f"got {tip.tolist()}"
+                f"options['tip_arclength'] must lie in [0, {'target' if self.task.kind == 'steer' else 'tract end'}) "
+                f"with the target at {goal.min():.4g} (in m), got {tip.tolist()}"
             )
         if "magnet_angle" in options:
             magnet = _per_lane(
@@ -120,15 +163,26 @@ class SteeringCore:
             )[lanes]
         return tip, goal, magnet
 
+    def reference_ahead(self, offsets: Sequence[float]) -> np.ndarray:
+        """A tracking task's reference `offsets` s from now, (n, len(offsets)) m."""
+        if self.task.kind != "track":
+            raise ValueError(f"only a tracking task has a reference, got the task {self.task.id}")
+        steps = np.round(np.asarray(offsets) / self.sim.control_period).astype(np.int64)
+        return self.reference[np.arange(self.sim.num_envs)[:, None], self.steps[:, None].astype(np.int64) + steps]
+
     def advance(self, action: np.ndarray) -> np.ndarray:
         """One control period: action (n, size) → what it is worth, `kernels.VALUE_FIELDS` rows over n lanes or more."""
-        sim = self.sim
+        sim, task = self.sim, self.task
         self.actuation.write(action, sim.command)
         sim.advance()
+        if task.kind == "track":
+            now = np.minimum(self.steps.astype(np.int64) + 1, self.reference.shape[1] - 1)
+            self.goal[:] = self.reference[np.arange(sim.num_envs), now]
         values = np.empty((kernels.VALUE_FIELDS, self._lanes.shape[1]))
         kernels.judge(
-            sim.num_envs, sim.arrays.out, sim.arrays.trace, self.step_limit, self._weights, self._lanes, values
-        )
+            sim.num_envs, self._kind, sim.arrays.out, sim.arrays.trace, self.step_limit, sim.control_period,
+            task.tolerance, task.hold, self._safe, self._weights, self._lanes, values,
+        )  # fmt: skip
         return values
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray]]:
@@ -137,32 +191,49 @@ class SteeringCore:
         success, terminated, truncated = values[kernels.SUCCESS :] > 0.0
         return values[kernels.REWARD], terminated, truncated, self.info(values, success)
 
-    def info(self, values: Sequence[Any], success: Any) -> dict[str, Any]:
+    def info(self, values: Sequence[Any], success: Any, lane: int | None = None) -> dict[str, Any]:
         """A step's `info` from rows of `advance`, or from one lane's column of them."""
         return {
             "is_success": success,
             "cost": values[kernels.COST],
             "wall_force": values[kernels.WALL_FORCE],
             "path_ratio": values[kernels.PATH_RATIO],
+            "distance": values[kernels.LEFT],
             **{name: values[row] for name, row in self._terms},
+            **self.drawn(lane),
         }
+
+    def drawn(self, lane: int | None = None) -> dict[str, Any]:
+        """What `Variation` drew for the running episodes, (n,) arrays or one lane's numbers; empty without it."""
+        return {f"variation/{k}": v.copy() if lane is None else v[lane].item() for k, v in self.varied.items()}
+
+    def start_info(self, lane: int | None = None) -> dict[str, Any]:
+        """`info` of a reset: the target (m), and what was drawn."""
+        return {"target": self.goal.copy() if lane is None else self.goal[lane].item(), **self.drawn(lane)}
 
     def summary(self, lanes: np.ndarray) -> dict[str, np.ndarray]:
         """Of the episodes just ended in `lanes`, in arrays (n,): steps, time (s), forces (N), travel (rad and m)."""
         sim = self.sim
         rows = np.zeros((len(kernels.SUMMARY), sim.num_envs))
-        kernels.summarise(lanes, sim.arrays.trace, sim.control_period, self._lanes, rows)
+        kernels.summarise(lanes, self._kind, sim.arrays.trace, sim.control_period, self._lanes, rows)
         summary = dict(zip(kernels.SUMMARY, rows, strict=True))
         summary["steps"] = rows[0].astype(np.int64)
+        if self.task.kind != "track":
+            del summary["rms_error"]
         return summary
 
     def observe(self) -> np.ndarray:
         """(n, size) float32."""
-        return self.observer.read(self._lanes)
+        return self._readings.of(self.observer.read(self._lanes), self.steps)
 
 
-def _scenarios(task: Task, given: Any, coupling: str | None) -> list[Scenario]:
-    if given is None:
+def _scenarios(task: Task, given: Any, coupling: str | None, split: str, pool_size: int) -> list[Scenario]:
+    if given is None and task.pool is not None:
+        from ..simulation.pool import scenario_pool
+
+        given = list(scenario_pool(task.pool, split, whole("pool_size", pool_size, 1)))
+    elif given is None:
+        assert task.scenario is not None  # a task has the one or the other
         given = task.scenario()
     elif isinstance(given, (str, Path)):
         given = Scenario.load(given)
@@ -173,6 +244,16 @@ def _scenarios(task: Task, given: Any, coupling: str | None) -> list[Scenario]:
                 f"scenario must be a Scenario, a TOML file, a shipped name, or a sequence of scenarios, got {sc!r}"
             )
     return scenarios if coupling is None else [dataclasses.replace(sc, coupling=coupling) for sc in scenarios]
+
+
+def _check_ways(task: Task, scenarios: Sequence[Scenario]) -> None:
+    for i, sc in enumerate(scenarios):
+        first, last = sc.wire.length - task.start_spread, sc.tract.length - task.goal_margin
+        if first < 0 or sc.wire.length + task.start_spread >= last - 0.05:
+            raise ValueError(
+                f"scenario[{i}].wire.length must leave a way between the start and the goal at {last:.3g} m, "
+                f"got {sc.wire.length:g} m of wire"
+            )
 
 
 def _per_lane(name: str, value: Any, n: int, shape: tuple[int, ...], unit: str) -> np.ndarray:

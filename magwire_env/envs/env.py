@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
 
-from ..scenario import Scenario
 from ..simulation import Simulator
 from . import kernels
 from .core import SteeringCore
-from .observation import DEFAULT
-from .task import RewardWeights, Task
+from .task import Task
 
 if TYPE_CHECKING:
     from ..render.frames import Frames, Window
@@ -67,7 +63,8 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Info
     Every step: `is_success`, `cost` (N, peak wall force above its limit), `wall_force` (N, mean over the step),
-    `path_ratio` (share of the way from start to goal covered), and the reward's terms. At the end `summary`: `steps`,
+    `path_ratio` (share of the way from start to goal covered), `distance` (m, way left), the reward's terms, and what
+    the scenario's `variation` drew. At the end `summary`: `steps`,
     `time` (s; to the goal's crossing, interpolated inside the step), `peak_wall_force`, `mean_wall_force`,
     `peak_lateral_force` (N), `magnet_travel` (rad and m summed).
 
@@ -75,31 +72,24 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
     scenario : `Scenario`, a TOML file or a shipped name; by default the task's
     coupling : "force" or "wrench", in place of the scenario's
     action_mode : "angle", "rate" or "direction"
-    observe : names of observation channels
+    observe : names of observation channels; by default the task's
     reward : "dense", "sparse" or `RewardWeights`
     time_limit : s
+    safety : an episode ends, without success, when the wall force exceeds the scenario's limit
+    split, pool_size : of the pool of certified scenarios that a generated task draws each episode's from; "train",
+        "test" or "ood"
     render_mode : "rgb_array" (frames, 480 × 640 × 3) or "human" (a window); both need the extra `view`
 
     ## Version History
     * v0: first
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": 10}  # noqa: RUF012  (Gymnasium declares it so)
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": 10}  # noqa: RUF012
 
-    def __init__(
-        self,
-        task: str | Task = "MagWire/Steer-v0",
-        scenario: Scenario | str | Path | None = None,
-        coupling: str | None = None,
-        action_mode: str = "angle",
-        observe: Sequence[str] = DEFAULT,
-        reward: str | RewardWeights = "dense",
-        time_limit: float | None = None,
-        render_mode: str | None = None,
-    ) -> None:
+    def __init__(self, task: str | Task = "MagWire/Steer-v0", render_mode: str | None = None, **settings: Any) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}")
-        self.core = SteeringCore(task, 1, scenario, coupling, action_mode, observe, reward, time_limit, threads=1)
+        self.core = SteeringCore(task, 1, threads=1, **settings)
         self.observation_space = self.core.observer.space
         self.action_space = self.core.actuation.space
         self.render_mode = render_mode
@@ -126,7 +116,7 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
         if self._frames is not None:
             self._frames.forget((0,))
             self._show()
-        return self.core.observe()[0], {}
+        return self.core.observe()[0], self.core.start_info(0)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One control period. Raises `ValueError` for NaN or a wrong shape, before anything moves."""
@@ -135,7 +125,7 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
         core = self.core
         values = core.advance(np.asarray(action)[None])[:, 0].tolist()
         success, terminated, truncated = (x > 0.0 for x in values[kernels.SUCCESS :])
-        info = core.info(values, success)
+        info = core.info(values, success, 0)
         if self.render_mode == "human":
             self._show()
         if terminated or truncated:

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from ..simulation.algorithm1 import DOF_STRIDE, HIGH, LOW, OUT_FIELDS, SPEED
-from ..simulation.lanes import LANES, load, maximum, minimum, sin_cos, store, where
+from ..simulation.lanes import LANES, absolute, load, maximum, minimum, sin_cos, store, where
 
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
 
@@ -20,17 +20,21 @@ ANGLE, RATE, DIRECTION = range(3)
 
 # What the core keeps of each lane's episode: lanes[field, lane]
 (
-    GOAL, START_DISTANCE, DISTANCE, WALL_LIMIT, TRACT_LENGTH, STEPS, PEAK_WALL, PEAK_LATERAL, SUM_WALL, TRAVEL,
-) = range(10)  # fmt: skip
-LANE_FIELDS = 10
+    GOAL, START_DISTANCE, DISTANCE, WALL_LIMIT, TRACT_LENGTH, STEPS, PEAK_WALL, PEAK_LATERAL, SUM_WALL, TRAVEL, HELD,
+    SUM_SQUARES,
+) = range(12)  # fmt: skip
+LANE_FIELDS = 12
 
 # What a step is worth: values[field, lane]; the last three are 0 or 1
 (
-    REWARD, FOR_SUCCESS, FOR_PROGRESS, FOR_TIME, FOR_WALL, COST, WALL_FORCE, PATH_RATIO, SUCCESS, TERMINATED, TRUNCATED,
-) = range(11)  # fmt: skip
-VALUE_FIELDS = 11
+    REWARD, FOR_SUCCESS, FOR_PROGRESS, FOR_TIME, FOR_WALL, COST, WALL_FORCE, PATH_RATIO, LEFT, SUCCESS, TERMINATED,
+    TRUNCATED,
+) = range(12)  # fmt: skip
+VALUE_FIELDS = 12
 
-SUMMARY = ("steps", "time", "peak_wall_force", "mean_wall_force", "peak_lateral_force", "magnet_travel")
+STEER, REACH, TRACK = range(3)
+
+SUMMARY = ("steps", "time", "peak_wall_force", "mean_wall_force", "peak_lateral_force", "magnet_travel", "rms_error")
 
 # Kinds of observed numbers
 RESULT, ARCLENGTH, DISTANCE_LEFT, SINE, COSINE, SLIDE = range(6)
@@ -71,27 +75,56 @@ def command_of(mode, action, is_turn, period, dofs, magnet, command):
 
 
 @njit(**_JIT)
-def judge(n, out, trace, step_limit, weights, lanes, values):
+def way_left(kind, lane, out, trace, lanes, tolerance, period):
+    """Way left to the goal after a control period (m), whether the task is done, and how long the goal has been held.
+
+    Steering is done when the tip has passed the goal at any substep; reaching, when it has stayed within `tolerance`
+    of the target at every substep for long enough (the caller's business); tracking never is before the time limit.
+    """
+    goal, s = load(lanes[GOAL], lane), load(out[_TIP_S], lane)
+    if kind == STEER:
+        farthest = load(trace[0], lane)
+        for k in range(1, trace.shape[0]):
+            farthest = maximum(farthest, load(trace[k], lane))
+        return where(farthest >= goal, 0.0, goal - s), where(farthest >= goal, 1.0, 0.0), 0.0 * s
+    worst = 0.0 * s
+    for k in range(1, trace.shape[0]):
+        worst = maximum(worst, absolute(load(trace[k], lane) - goal))
+    held = where(worst <= tolerance, load(lanes[HELD], lane) + period, 0.0)
+    return absolute(goal - s), 0.0 * s, held
+
+
+@njit(**_JIT)
+def judge(n, kind, out, trace, step_limit, period, tolerance, hold, safe, weights, lanes, values):
     """Reward, its terms, ends and costs of the control period just simulated; the episodes' totals move on.
 
+    kind : `STEER`, `REACH` or `TRACK`
+    safe : 1 to end an episode whose wall force exceeds the limit
     weights : (4,) for success, progress, time and wall force above the limit
     """
     last = trace.shape[0] - 1
     for lane in range(0, n, LANES):
-        goal = load(lanes[GOAL], lane)
-        farthest = load(trace[0], lane)
-        for k in range(last):
-            farthest = maximum(farthest, load(trace[k + 1], lane))
-        success = where(farthest >= goal, 1.0, 0.0)
-        left = where(farthest >= goal, 0.0, goal - load(out[_TIP_S], lane))
-        terminated = where(load(trace[last], lane) < 0.0, 1.0, success)
+        left, success, held = way_left(kind, lane, out, trace, lanes, tolerance, period)
         steps = load(lanes[STEPS], lane) + 1.0
+        squares = load(lanes[SUM_SQUARES], lane) + left * left
         start = load(lanes[START_DISTANCE], lane)
+        ended = steps >= step_limit
+        share = left / start
+        for_time = where(steps > 0.0, -weights[2], 0.0)
+        if kind == REACH:
+            # Half a control period of slack, so that the sum of periods need not be exact.
+            success = where(held >= hold - 0.5 * period, 1.0, 0.0)
+        elif kind == TRACK:
+            good = where(squares <= tolerance * tolerance * steps, 1.0, 0.0)
+            success = where(ended, good, 0.0)
+            for_time = for_time * share
         wall, peak = load(out[_MEAN_WALL], lane), load(out[_PEAK_WALL], lane)
         cost = maximum(peak - load(lanes[WALL_LIMIT], lane), 0.0)
+        terminated = where(load(trace[last], lane) < 0.0, 1.0, success if kind != TRACK else 0.0 * success)
+        terminated = where(safe * cost > 0.0, 1.0, terminated)
+        success = where(safe * cost > 0.0, 0.0, success)
         for_success = weights[0] * success
         for_progress = weights[1] * (load(lanes[DISTANCE], lane) - left) / start
-        for_time = where(steps > 0.0, -weights[2], 0.0)
         for_wall = -weights[3] * cost
         store(values[REWARD], lane, for_success + for_progress + for_time + for_wall)
         store(values[FOR_SUCCESS], lane, for_success)
@@ -100,12 +133,15 @@ def judge(n, out, trace, step_limit, weights, lanes, values):
         store(values[FOR_WALL], lane, for_wall)
         store(values[COST], lane, cost)
         store(values[WALL_FORCE], lane, wall)
-        store(values[PATH_RATIO], lane, 1.0 - left / start)
+        store(values[PATH_RATIO], lane, 1.0 - share)
+        store(values[LEFT], lane, left)
         store(values[SUCCESS], lane, success)
         store(values[TERMINATED], lane, terminated)
-        store(values[TRUNCATED], lane, where(steps >= step_limit, 1.0 - terminated, 0.0))
+        store(values[TRUNCATED], lane, where(ended, 1.0 - terminated, 0.0))
         store(lanes[DISTANCE], lane, left)
         store(lanes[STEPS], lane, steps)
+        store(lanes[HELD], lane, held)
+        store(lanes[SUM_SQUARES], lane, squares)
         store(lanes[PEAK_WALL], lane, maximum(load(lanes[PEAK_WALL], lane), peak))
         store(lanes[PEAK_LATERAL], lane, maximum(load(lanes[PEAK_LATERAL], lane), load(out[_PEAK_LATERAL], lane)))
         store(lanes[SUM_WALL], lane, load(lanes[SUM_WALL], lane) + wall)
@@ -113,16 +149,17 @@ def judge(n, out, trace, step_limit, weights, lanes, values):
 
 
 @njit(**_JIT)
-def summarise(ended, trace, period, lanes, summary):
+def summarise(ended, kind, trace, period, lanes, summary):
     """Totals of the episodes that ended in the lanes `ended`, each into its column of `summary`, see `SUMMARY`.
 
-    The time, s, runs to the goal's crossing, linear within the substep in which the tip passed it.
+    Steering's time, s, runs to the goal's crossing, linear within the substep in which the tip passed it; other
+    tasks' to the end of the last control period.
     """
     last = trace.shape[0] - 1
     for lane in ended:
         goal, steps = lanes[GOAL, lane], lanes[STEPS, lane]
         elapsed = steps
-        for k in range(last):
+        for k in range(last if kind == STEER else 0):
             before, after = trace[k, lane], trace[k + 1, lane]
             if after >= goal or before >= goal:
                 share = min(max((goal - before) / (after - before), 0.0), 1.0) if after > before else 1.0
@@ -134,6 +171,7 @@ def summarise(ended, trace, period, lanes, summary):
         summary[3, lane] = lanes[SUM_WALL, lane] / steps
         summary[4, lane] = lanes[PEAK_LATERAL, lane]
         summary[5, lane] = lanes[TRAVEL, lane]
+        summary[6, lane] = math.sqrt(lanes[SUM_SQUARES, lane] / steps)
 
 
 @njit(**_JIT)

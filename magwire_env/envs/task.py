@@ -5,19 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ..physics.checks import non_negative, positive
+from ..physics.checks import non_negative, one_of, positive
 from ..scenario import Scenario
+from .observation import DEFAULT
 
-__all__ = ["TASKS", "RewardWeights", "Task"]
+__all__ = ["KINDS", "TASKS", "RewardWeights", "Task"]
+
+KINDS = ("steer", "reach", "track")
+"""Drive the tip to the end; to a target either way, and hold it there; along a moving reference."""
 
 
 @dataclass(frozen=True)
 class RewardWeights:
     """Weights of the reward's terms, every one echoed in `info` as ``reward/…``.
 
-    progress : for the whole way from the start to the goal, paid as it is covered (potential-based)
+    progress : for the whole way from the start to the goal, paid as it is covered (potential-based); in a tracking
+        task for each tolerance by which the distance shrinks
     success : once, on reaching the goal
-    time : cost of each control step
+    time : cost of each control step; in a tracking task of each step and tolerance of distance
     wall : cost of each control step for each newton of wall force above the scenario's limit
     """
 
@@ -35,25 +40,48 @@ class RewardWeights:
 class Task:
     """A task.
 
-    scenario : makes the default scenario
-    start_spread : m; an episode starts with the tip at the wire's length plus or minus this, uniform
-    goal_margin : m; the goal lies this far before the end of the tract
+    kind : of `KINDS`
+    scenario : makes the default scenario; or
+    pool : the kind of certified scenarios, see `magwire_env.simulation.pool`, that every episode draws one from
+    start_spread : m; a steering episode starts with the tip at the wire's length plus or minus this, uniform
+    goal_margin : m; no goal lies nearer than this to the end of the tract
+    tolerance : m; a target is held within it, and tracking succeeds with an RMS error below it
+    hold : s; for so long a target must be held
+    reference_speed : m/s at most, of a tracking task's reference
     time_limit : s
+    observe : default observation channels
     """
 
     id: str
-    scenario: Callable[[], Scenario]
+    kind: str = "steer"
+    scenario: Callable[[], Scenario] | None = None
+    pool: str | None = None
     start_spread: float = 0.02
     goal_margin: float = 0.01
+    tolerance: float = 5e-3
+    hold: float = 1.0
+    reference_speed: float = 0.03
     time_limit: float = 30.0
+    observe: tuple[str, ...] = DEFAULT
 
     def __post_init__(self) -> None:
-        positive("time_limit", self.time_limit, "s")
+        one_of("Task.kind", self.kind, KINDS)
+        positive("Task.time_limit", self.time_limit, "s")
+        if (self.scenario is None) == (self.pool is None):
+            raise ValueError(f"Task must have either a scenario or a pool, got {self.scenario} and {self.pool}")
 
+
+_AHEAD = (*DEFAULT, "tract_preview")
 
 TASKS = {
     task.id: task
     for task in (
-        Task("MagWire/Steer-v0", Scenario.paper),
+        Task("MagWire/Steer-v0", "steer", Scenario.paper),
+        Task("MagWire/Reach-v0", "reach", Scenario.paper),
+        Task("MagWire/Track-v0", "track", Scenario.paper, observe=(*DEFAULT, "reference_preview")),
+        Task("MagWire/SteerAny-v0", "steer", pool="SteerAny", time_limit=60.0, observe=_AHEAD),
+        Task("MagWire/Orient-v0", "steer", pool="Orient", time_limit=60.0, observe=_AHEAD),
+        Task("MagWire/Chase-v0", "steer", pool="Chase", time_limit=60.0, observe=_AHEAD),
+        Task("MagWire/Dual-v0", "steer", pool="Dual", time_limit=60.0, observe=_AHEAD),
     )
-}  # fmt: skip
+}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -13,11 +12,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from ..physics.checks import one_of
-from ..scenario import Scenario
 from ..simulation import Simulator
 from .core import SteeringCore
-from .observation import DEFAULT
-from .task import RewardWeights, Task
+from .task import Task
 
 if TYPE_CHECKING:
     from ..render.frames import Frames
@@ -46,16 +43,11 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self,
         num_envs: int = 1,
         task: str | Task = "MagWire/Steer-v0",
-        scenario: Scenario | str | Path | Sequence[Scenario] | None = None,
-        coupling: str | None = None,
-        action_mode: str = "angle",
-        observe: Sequence[str] = DEFAULT,
-        reward: str | RewardWeights = "dense",
-        time_limit: float | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
         render_mode: str | None = None,
         render_lanes: Sequence[int] | None = None,
+        **settings: Any,
     ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {render_mode!r}")
@@ -63,7 +55,7 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             autoreset_mode = AutoresetMode(one_of("autoreset_mode", autoreset_mode, [m.value for m in AutoresetMode]))
         self.autoreset_mode = autoreset_mode
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": 10, "autoreset_mode": autoreset_mode}
-        self.core = SteeringCore(task, num_envs, scenario, coupling, action_mode, observe, reward, time_limit, threads)
+        self.core = SteeringCore(task, num_envs, threads=threads, **settings)
         self.num_envs = num_envs
         self.single_observation_space = self.core.observer.space
         self.single_action_space = self.core.actuation.space
@@ -102,7 +94,9 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
         self._begin(lanes, options)
         self._started = True
-        return self.core.observe(), {}
+        mask = np.zeros(self.num_envs, dtype=np.bool_)
+        mask[lanes] = True
+        return self.core.observe(), _masked(self.core.start_info(), mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One control period of every lane. Raises `ValueError` for NaN or a wrong shape, before anything moves."""

@@ -151,6 +151,25 @@ class LaneArrays:
             self._lane_cloud[block, lane] = library.cloud_of[entries]
             self._stack_clouds(np.unique(block))
 
+    def vary(
+        self,
+        lanes: np.ndarray,
+        friction: np.ndarray,
+        stiffness: np.ndarray,
+        remanence: np.ndarray,
+        placement: np.ndarray,
+    ) -> None:
+        """Scale the parameters `take` gave `lanes`: factors (n,), and shifts of the magnets' centres (n, magnets, 3) m."""
+        block, lane = np.divmod(lanes, a1.LANES)
+        self.par[block, a1.MU + lane] *= friction
+        wire = self.wire.reshape(len(self.wire), -1, a1.WIRE_STRIDE // a1.LANES, a1.LANES)
+        for field in (a1.K_AXIAL, a1.K_BEND, a1.K_END):
+            wire[block, :, field // a1.LANES, lane] *= stiffness[:, None]
+        magnets = self.magnets.reshape(len(self.magnets), -1, a1.MAGNET_STRIDE // a1.LANES, a1.LANES)
+        magnets[block, :, a1.STRENGTH // a1.LANES, lane] *= remanence[:, None]
+        for axis in range(3):
+            magnets[block, :, a1.CX // a1.LANES + axis, lane] += placement[:, :, axis]
+
     def _stack_clouds(self, blocks: np.ndarray) -> None:
         """Blocks whose lanes have the same clouds share one table of sources, lane by lane."""
         for block in blocks:

@@ -136,6 +136,17 @@ class Simulator:
         self.lane_scenario[lanes] = scenarios
         self._now.take(lanes, scenarios)
 
+    def vary(
+        self,
+        lanes: np.ndarray,
+        friction: np.ndarray,
+        stiffness: np.ndarray,
+        remanence: np.ndarray,
+        placement: np.ndarray,
+    ) -> None:
+        """Depart from the scenarios in `lanes` until they are next assigned: factors (n,), shifts (n, magnets, 3) m."""
+        self._now.vary(lanes, friction, stiffness, remanence, placement)
+
     # --- moving it --------------------------------------------------------------------------------------------------
 
     def reset(
