@@ -58,7 +58,7 @@ def test_reach_succeeds_once_the_target_was_held_for_a_second():
     env = gym.make("MagWire/Reach-v0")
     env.reset(seed=0, options={"tip_arclength": 0.35, "target": 0.30, "magnet_angle": 3.0})
     inside = 0
-    for step, (_, reward, terminated, _, info) in hold(env, 0.30, 200):
+    for step, (_, reward, terminated, _, info) in hold(env, 0.30, 200):  # noqa: B007  (read after the loop)
         near = np.abs(env.unwrapped.simulator.tip_trace[0][1:] - 0.30).max() <= 5e-3
         inside = inside + 1 if near else 0
         assert terminated == (inside == 10)
