@@ -3,6 +3,7 @@
 import csv
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -131,6 +132,13 @@ def test_figure_8_is_the_drive_under_both_couplings(folder):
     np.testing.assert_allclose(wrench, data["wrench_N"][rows], rtol=1e-5, atol=1e-9)
     assert (data["best_wrench_N"] >= data["wrench_N"] - 1e-9).all()
     assert 0.1 < (data["wrench_N"] < 0).mean() < 0.3
+
+
+def test_the_page_on_physics_shows_every_figure():
+    page = (Path(__file__).parents[1] / "docs/physics.md").read_text(encoding="utf-8")
+    for name in FIGURES:
+        assert f"(figures/{name}.png)" in page
+        assert (Path(__file__).parents[1] / f"docs/figures/{name}.png").stat().st_size > 10_000
 
 
 def test_an_unknown_figure_is_refused_by_name(tmp_path):

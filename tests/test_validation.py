@@ -1,6 +1,9 @@
 """The validation table at test size, and the table itself: what fails must say so."""
 
+import functools
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +18,20 @@ from magwire_env.validation.report import at_least, at_most
 from magwire_env.validation.rods import force_unit
 
 
+def without_numbers(quantity: str) -> str:
+    return re.sub(r"[-\d.]+", "#", quantity)
+
+
+@functools.cache
+def printed() -> set[str]:
+    """Quantities of the table in docs/physics.md, all of which must hold there; numbers in them depend on the size."""
+    page = (Path(__file__).parents[1] / "docs/physics.md").read_text(encoding="utf-8")
+    table = page[page.index("| quantity | expected |") :]
+    lines = [line.split(" | ") for line in table.splitlines() if line.startswith("| ")][2:]
+    assert all(line[-1] == "holds |" for line in lines)
+    return {without_numbers(line[0].strip("| ")) for line in lines}
+
+
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.name)
 @pytest.mark.filterwarnings("default:::elastica")
 def test_every_check_holds_at_test_size(check):
@@ -24,6 +41,7 @@ def test_every_check_holds_at_test_size(check):
     for row in rows:
         if row.skipped:
             pytest.skip(row.skipped)
+        assert without_numbers(row.quantity) in printed(), "docs/physics.md lacks it: print the table again"
 
 
 def test_a_row_holds_within_its_tolerance_or_bound_only():

@@ -141,6 +141,9 @@ def limits(size: Size) -> list[Row]:
                 float(value),
             )
         )
+    end = margins(scenario, np.array([tract.length]), 1.0).margin[0]
+    speed = 1e3 * float(end) / (scenario.contact.drag * scenario.wire.length)
+    rows.append(at_most("straight 0.8 m tract, speed that drag leaves at its end", "mm/s", 1.0, "crawls", speed))
     return rows
 
 

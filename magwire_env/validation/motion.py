@@ -249,7 +249,13 @@ def closed_tract(size: Size) -> list[Row]:
     ds = tract.length / n
     q, f = sim.drive_force, np.einsum("ni,ni->n", sim.tip_force, sim.tip_tangent)
     return [
-        at_most("∮ Q ds round a circle, of ∮ |Q| ds", "", 1e-5, "energy", abs(float(q.sum() / np.abs(q).sum()))),
+        at_most(
+            "∮ Q ds round a circle, share of the work to and fro",
+            "",
+            1e-5,
+            "energy",
+            abs(float(q.sum() / np.abs(q).sum())),
+        ),
         at_least(
             "∮ F·t ds round the same circle, size",
             "mJ",
