@@ -36,7 +36,9 @@ from .lanes import (
     load,
     maximum,
     minimum,
+    part,
     reciprocal,
+    row,
     rsqrt,
     sin_cos,
     spread,
@@ -113,20 +115,20 @@ _INLINE = {**_JIT, "forceinline": True}
 def place_in_table(s, par):
     """Where arc length `s` lies in the table: index of its row's first number, and the distance from its start."""
     s = s - load(par, PERIOD) * floor(s * load(par, INV_PERIOD))
-    row = minimum(maximum(floor(s * load(par, INV_SPACING)) + 1.0, 0.0), load(par, TABLE_LAST))
-    return 12.0 * (row + load(par, TABLE_ROW)), s - (row - 1.0) * load(par, SPACING)
+    piece = minimum(maximum(floor(s * load(par, INV_SPACING)) + 1.0, 0.0), load(par, TABLE_LAST))
+    return 12.0 * (piece + load(par, TABLE_ROW)), s - (piece - 1.0) * load(par, SPACING)
 
 
 @njit(**_INLINE)
 def snap(s, par, table):
     """Step ix. A joint is on the spline by construction: position, tangent and p'' follow from its arc length `s`."""
-    row, u = place_in_table(s, par)
-    bx, by, bz = gather(table, row, 3), gather(table, row, 4), gather(table, row, 5)
-    cx, cy, cz = gather(table, row, 6), gather(table, row, 7), gather(table, row, 8)
-    dx, dy, dz = gather(table, row, 9), gather(table, row, 10), gather(table, row, 11)
-    px = gather(table, row, 0) + u * (bx + u * (cx + u * dx))
-    py = gather(table, row, 1) + u * (by + u * (cy + u * dy))
-    pz = gather(table, row, 2) + u * (bz + u * (cz + u * dz))
+    at, u = place_in_table(s, par)
+    bx, by, bz = gather(table, at, 3), gather(table, at, 4), gather(table, at, 5)
+    cx, cy, cz = gather(table, at, 6), gather(table, at, 7), gather(table, at, 8)
+    dx, dy, dz = gather(table, at, 9), gather(table, at, 10), gather(table, at, 11)
+    px = gather(table, at, 0) + u * (bx + u * (cx + u * dx))
+    py = gather(table, at, 1) + u * (by + u * (cy + u * dy))
+    pz = gather(table, at, 2) + u * (bz + u * (cz + u * dz))
     v, w = 3.0 * u, 6.0 * u
     tx, ty, tz = bx + u * (2.0 * cx + v * dx), by + u * (2.0 * cy + v * dy), bz + u * (2.0 * cz + v * dz)
     return px, py, pz, tx, ty, tz, 2.0 * cx + w * dx, 2.0 * cy + w * dy, 2.0 * cz + w * dz
@@ -204,7 +206,7 @@ def sum_sources(cloud, sources, rx, ry, rz, tx, ty, tz):
 
 
 @njit(**_JIT)
-def pull_of_magnet(slots, magnet, cloud, sources, q, out):
+def pull_of_magnet(rig, m, magnet, cloud, sources, q, out):
     """Force on a unit tip moment and field of one magnet, over its strength, in the world's frame.
 
     The tip is brought into the magnet's frame by the inverse turns, the last first, and the results back.
@@ -213,41 +215,41 @@ def pull_of_magnet(slots, magnet, cloud, sources, q, out):
     cx, cy, cz = load3(magnet, CX)
     rx, ry, rz = px - cx, py - cy, pz - cz
     tx, ty, tz = load3(out, TAN_X)
-    if slots[TURN_SLOTS] >= 0:
-        rx = rx - load(q, slots[TURN_SLOTS] * LANES)
-    if slots[TURN_SLOTS + 1] >= 0:
-        ry = ry - load(q, slots[TURN_SLOTS + 1] * LANES)
-    if slots[TURN_SLOTS + 2] >= 0:
-        rz = rz - load(q, slots[TURN_SLOTS + 2] * LANES)
+    if rig[m, TURN_SLOTS] >= 0:
+        rx = rx - load(q, rig[m, TURN_SLOTS] * LANES)
+    if rig[m, TURN_SLOTS + 1] >= 0:
+        ry = ry - load(q, rig[m, TURN_SLOTS + 1] * LANES)
+    if rig[m, TURN_SLOTS + 2] >= 0:
+        rz = rz - load(q, rig[m, TURN_SLOTS + 2] * LANES)
     s1, c1, s2, c2 = spread(0.0), spread(1.0), spread(0.0), spread(1.0)
-    if slots[1] >= 0:
-        s2, c2 = sin_cos(load(q, slots[1] * LANES))
-        rx, ry, rz = turn_about(slots[6], -s2, c2, rx, ry, rz)
-        tx, ty, tz = turn_about(slots[6], -s2, c2, tx, ty, tz)
-    if slots[0] >= 0:
-        s1, c1 = sin_cos(load(q, slots[0] * LANES))
-        rx, ry, rz = turn_about(slots[5], -s1, c1, rx, ry, rz)
-        tx, ty, tz = turn_about(slots[5], -s1, c1, tx, ty, tz)
+    if rig[m, 1] >= 0:
+        s2, c2 = sin_cos(load(q, rig[m, 1] * LANES))
+        rx, ry, rz = turn_about(rig[m, 6], -s2, c2, rx, ry, rz)
+        tx, ty, tz = turn_about(rig[m, 6], -s2, c2, tx, ty, tz)
+    if rig[m, 0] >= 0:
+        s1, c1 = sin_cos(load(q, rig[m, 0] * LANES))
+        rx, ry, rz = turn_about(rig[m, 5], -s1, c1, rx, ry, rz)
+        tx, ty, tz = turn_about(rig[m, 5], -s1, c1, tx, ty, tz)
     fx, fy, fz, bx, by, bz = sum_sources(cloud, sources, rx, ry, rz, tx, ty, tz)
-    if slots[0] >= 0:
-        fx, fy, fz = turn_about(slots[5], s1, c1, fx, fy, fz)
-        bx, by, bz = turn_about(slots[5], s1, c1, bx, by, bz)
-    if slots[1] >= 0:
-        fx, fy, fz = turn_about(slots[6], s2, c2, fx, fy, fz)
-        bx, by, bz = turn_about(slots[6], s2, c2, bx, by, bz)
+    if rig[m, 0] >= 0:
+        fx, fy, fz = turn_about(rig[m, 5], s1, c1, fx, fy, fz)
+        bx, by, bz = turn_about(rig[m, 5], s1, c1, bx, by, bz)
+    if rig[m, 1] >= 0:
+        fx, fy, fz = turn_about(rig[m, 6], s2, c2, fx, fy, fz)
+        bx, by, bz = turn_about(rig[m, 6], s2, c2, bx, by, bz)
     return fx, fy, fz, bx, by, bz
 
 
 @njit(**_JIT)
-def magnetic_force(par, rig, magnets, clouds, cloud_of, sources, q, out):
+def magnetic_force(block, par, rig, magnets, clouds, cloud_of, sources, q, out):
     """Step i. Force and field of every magnet at the tip, the drive along the tract, and the loads on the wall.
 
     `force` drives by F·t, the paper's projection; `wrench` by F·t + m κ n·B, the gradient of the energy −m t·B.
     """
     fx, fy, fz, bx, by, bz = spread(0.0), spread(0.0), spread(0.0), spread(0.0), spread(0.0), spread(0.0)
     for m in range(rig.shape[0]):
-        magnet = magnets[m * MAGNET_STRIDE : (m + 1) * MAGNET_STRIDE]
-        gx, gy, gz, hx, hy, hz = pull_of_magnet(rig[m], magnet, clouds[cloud_of[m]], sources[m], q, out)
+        magnet, cloud = part(magnets, m * MAGNET_STRIDE, MAGNET_STRIDE), row(clouds, cloud_of[block, m])
+        gx, gy, gz, hx, hy, hz = pull_of_magnet(rig, m, magnet, cloud, sources[m], q, out)
         strength = load(magnet, STRENGTH)
         fx, fy, fz = fx + strength * gx, fy + strength * gy, fz + strength * gz
         bx, by, bz = bx + strength * hx, by + strength * hy, bz + strength * hz
@@ -525,7 +527,7 @@ def servo(dofs, is_turn, q, command, lane, mean, h):
     travel = spread(0.0)
     for d in range(is_turn.shape[0]):
         o, at = d * DOF_STRIDE, load(q, d * LANES)
-        goal = load(command[d], lane)
+        goal = load(row(command, d), lane)
         if is_turn[d]:
             gap = goal - at
             gap = gap - 2.0 * math.pi * floor(gap * (0.5 / math.pi) + 0.5)
@@ -552,36 +554,36 @@ def control_period(
     """
     nodes, dof = s.shape[1] // LANES, is_turn.shape[0]
     tip, above = (nodes - 1) * LANES, nodes * STRIDE
-    w, o = work[:above], work[above : above + OUT_SIZE]
-    angles, mean = work[above + OUT_SIZE : above + OUT_SIZE + dof * LANES], work[above + OUT_SIZE + dof * LANES :]
+    w, o = part(work, 0, above), part(work, above, OUT_SIZE)
+    angles, mean = part(work, above + OUT_SIZE, dof * LANES), part(work, above + OUT_SIZE + dof * LANES, dof * LANES)
     for block in blocks:
-        p, wires, lane = par[block], wire[block], block * LANES
-        arcs, speeds = s[block], v[block]
+        p, wires, magnet, limits = row(par, block), row(wire, block), row(magnets, block), row(dofs, block)
+        arcs, speeds, lane = row(s, block), row(v, block), block * LANES
         for d in range(dof):
-            store(angles, d * LANES, load(q[d], lane))
+            store(angles, d * LANES, load(row(q, d), lane))
         friction_of_speed(w, nodes, p, speeds)
-        store(trace[0], lane, load(arcs, tip))
+        store(row(trace, 0), lane, load(arcs, tip))
         peak_lateral, peak_wall, sum_wall, travel = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
         for step in range(substeps):
             update(nodes, arcs, speeds, 0.5 * h)
-            travel = travel + servo(dofs[block], is_turn, angles, command, lane, mean, h)
+            travel = travel + servo(limits, is_turn, angles, command, lane, mean, h)
             tip_pose(arcs, p, table, o)
-            magnetic_force(p, rig, magnets[block], clouds, cloud_of[block], sources, mean, o)
+            magnetic_force(block, p, rig, magnet, clouds, cloud_of, sources, mean, o)
             joint_forces(w, nodes, spare, wires, p, table, o, arcs, speeds, h)
             integrate(w, nodes, p, speeds)
             update(nodes, arcs, speeds, 0.5 * h)
-            store(trace[step + 1], lane, load(arcs, tip))
+            store(row(trace, step + 1), lane, load(arcs, tip))
             peak_lateral = maximum(peak_lateral, load(o, LATERAL))
             peak_wall = maximum(peak_wall, load(o, WALL))
             sum_wall = sum_wall + load(o, WALL)
         tip_pose(arcs, p, table, o)
-        magnetic_force(p, rig, magnets[block], clouds, cloud_of[block], sources, angles, o)
+        magnetic_force(block, p, rig, magnet, clouds, cloud_of, sources, angles, o)
         store(o, PEAK_LATERAL, peak_lateral)
         store(o, PEAK_WALL, peak_wall)
         store(o, MEAN_WALL, sum_wall / substeps)
         store(o, TRAVEL, travel)
         for d in range(dof):
-            store(q[d], lane, load(angles, d * LANES))
+            store(row(q, d), lane, load(angles, d * LANES))
         publish(o, arcs, speeds, OF_ALL, out, lane)
 
 
@@ -591,21 +593,21 @@ def publish(o, s, v, count, out, lane):
     store(o, TIP_S, load(s, len(s) - LANES))
     store(o, TIP_V, load(v, len(v) - LANES))
     for field in range(count):
-        store(out[field], lane, load(o, field * LANES))
+        store(row(out, field), lane, load(o, field * LANES))
 
 
 @njit(**_JIT)
 def refresh(blocks, par, rig, magnets, clouds, cloud_of, sources, table, s, v, q, out, work):
     """The loads of the present state: needed once whenever a state was set from outside."""
     dof = q.shape[0]
-    o, angles = work[:OUT_SIZE], work[OUT_SIZE : OUT_SIZE + dof * LANES]
+    o, angles = part(work, 0, OUT_SIZE), part(work, OUT_SIZE, dof * LANES)
     for block in blocks:
-        lane = block * LANES
+        p, arcs, lane = row(par, block), row(s, block), block * LANES
         for d in range(dof):
-            store(angles, d * LANES, load(q[d], lane))
-        tip_pose(s[block], par[block], table, o)
-        magnetic_force(par[block], rig, magnets[block], clouds, cloud_of[block], sources, angles, o)
-        publish(o, s[block], v[block], OF_STATE, out, lane)
+            store(angles, d * LANES, load(row(q, d), lane))
+        tip_pose(arcs, p, table, o)
+        magnetic_force(block, p, rig, row(magnets, block), clouds, cloud_of, sources, angles, o)
+        publish(o, arcs, row(v, block), OF_STATE, out, lane)
 
 
 @njit(**_JIT)
@@ -617,7 +619,8 @@ def lay_at_rest(lanes, tip_arclength, wire, par, table, s, v, work):
     """
     nodes = s.shape[1] // LANES
     tip = (nodes - 1) * LANES
-    p, arcs, rest = work[:PAR_SIZE], work[PAR_SIZE : PAR_SIZE + nodes * LANES], work[PAR_SIZE + nodes * LANES :]
+    p, arcs = part(work, 0, PAR_SIZE), part(work, PAR_SIZE, nodes * LANES)
+    rest = part(work, PAR_SIZE + nodes * LANES, nodes * LANES)
     for first in range(0, len(lanes), LANES):
         count = min(LANES, len(lanes) - first)
         for l in range(LANES):
