@@ -19,6 +19,9 @@ __all__ = ["Frames", "Picture", "Window"]
 
 SIZE = (640, 480)
 
+_KEPT = 32
+"""Scenarios whose picture is kept: some megabytes each."""
+
 
 class Picture:
     """Draws snapshots of one scenario; everything that stands still is drawn once.
@@ -93,6 +96,18 @@ class Picture:
             self.map.draw(self.surface, past, now)
         return self.surface
 
+    def caption(self, verdict: str, hints: str) -> None:
+        """On the last frame drawn: bands across the views with a verdict and with hints, where there are any."""
+        brush, k = self.brush, self.brush.scale
+        plan, side = self.views.frames
+        bands = ((verdict, plan.y + 20 * k, 30, 16, paint.TARGET), (hints, plan.bottom - 24 * k, 22, 12, paint.FAINT))
+        for words, y, height, size, colour in bands:
+            if words:
+                band = brush.pygame.Rect(plan.left, y, side.right - plan.left, height * k)
+                brush.pygame.draw.rect(self.surface, paint.PAPER, band)
+                brush.pygame.draw.rect(self.surface, colour, band, 2)
+                brush.text(self.surface, words, (band.centerx, y + (height - size) / 2 * k), size, paint.INK, "centre")
+
     def _head(self, now: Snapshot, note: str) -> None:
         brush, k = self.brush, self.brush.scale
         parts = (
@@ -127,11 +142,17 @@ class Frames:
 
     def surface(self, lane: int, now: Snapshot, note: str = "") -> Any:
         """The frame of one lane as a pygame surface, good until the next call."""
-        if now.scenario not in self._pictures:
-            self._pictures[now.scenario] = Picture(now.scenario, self.size)
         past = self._past.setdefault(lane, History())
         past.add(now)
-        return self._pictures[now.scenario].draw(now, past, note)
+        return self.picture(now.scenario).draw(now, past, note)
+
+    def picture(self, scenario: Scenario) -> Picture:
+        """What draws the lanes of one scenario."""
+        if scenario not in self._pictures:
+            while len(self._pictures) >= _KEPT:  # the oldest goes
+                self._pictures.pop(next(iter(self._pictures)))
+            self._pictures[scenario] = Picture(scenario, self.size)
+        return self._pictures[scenario]
 
     def forget(self, lanes: Sequence[int] | np.ndarray) -> None:
         """Begin new histories: the lanes' episodes have begun anew."""

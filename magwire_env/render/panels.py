@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..scenario import Scenario, Turn
+from ..rig import Turn
+from ..scenario import Scenario
 from ..simulation.forcemap import command_range, force_map
 from . import paint
 from .paint import Brush
@@ -21,11 +22,12 @@ _SPANS = (10.0, 20.0, 30.0, 60.0, 120.0, 300.0)
 
 @dataclass
 class History:
-    """What has been seen of an episode, one entry a frame: s, N, m, rad or m."""
+    """What has been seen of an episode, one entry a frame: s, N, m, m, rad or m."""
 
     time: list[float] = field(default_factory=list)
     force: list[float] = field(default_factory=list)
     arclength: list[float] = field(default_factory=list)
+    goal: list[float] = field(default_factory=list)
     command: list[float] = field(default_factory=list)
 
     def add(self, now: Snapshot) -> None:
@@ -38,13 +40,14 @@ class History:
             (self.time, now.time),
             (self.force, now.drive_force),
             (self.arclength, now.tip_arclength),
+            (self.goal, now.goal),
             (self.command, float(now.magnet[0])),
         ):
             kept.append(value)
 
     def clear(self) -> None:
         """Forget everything."""
-        for kept in (self.time, self.force, self.arclength, self.command):
+        for kept in (self.time, self.force, self.arclength, self.goal, self.command):
             kept.clear()
 
 
@@ -78,16 +81,10 @@ class Axes:
                 pygame.draw.line(surface, paint.GRID, (at, rect.top), (at, rect.bottom - 1))
             if name_x:
                 words = number(value * x_factor) + (f" {x_unit}" if i == len(x) - 1 else "")
-                last = i == len(x) - 1
                 # The last one ends at the frame's edge, so that it is not cut off.
-                brush.text(
-                    surface,
-                    words,
-                    (rect.right if last else at, rect.bottom + 2),
-                    11,
-                    paint.INK,
-                    "right" if last else "centre",
-                )
+                edge = at > rect.right - 12 * scale
+                place = (rect.right if edge else at, rect.bottom + 2)
+                brush.text(surface, words, place, 11, paint.INK, "right" if edge else "centre")
         pygame.draw.rect(surface, paint.FAINT, rect, 1)
 
 
@@ -117,8 +114,7 @@ class Strips:
             force = Axes(_plot_rect(brush, top, 34, 15, 2), (0.0, span), (-limit, limit))
             force.ticks(brush, surface, times, [-limit, 0.0, limit], name_x=False, y_factor=1e3)
             way = Axes(_plot_rect(brush, bottom, 34, 15, 15), (0.0, span), (0.0, self.length))
-            half_way = 1e-3 * round(500 * self.length, -1) if self.length > 0.05 else self.length / 2
-            way.ticks(brush, surface, times, [0.0, half_way, self.length], "s", y_factor=1e3)
+            way.ticks(brush, surface, times, round_ticks(self.length)[::2], "s", y_factor=1e3)
             brush.text(surface, f"{self.name} force [mN]", (force.rect.left, top.top + 1), 11, paint.INK)
             brush.text(surface, "tip arc length [mm], target", (way.rect.left, bottom.top + 1), 11, paint.INK)
             self._drawn[span] = surface, force, way
@@ -131,8 +127,9 @@ class Strips:
         canvas = surface.subsurface(self.rect)
         canvas.blit(background, (0, 0))
         pygame, width = self.brush.pygame, max(1, round(1.5 * self.brush.scale))
-        ends = way.px(np.array([0.0, span]), now.goal)
-        pygame.draw.line(canvas, paint.TARGET, *ends, max(2, round(2 * self.brush.scale)))
+        # The target so far, and on from now as it is.
+        target = way.px(np.array([0.0, *past.time, span]), np.array([past.goal[0], *past.goal, now.goal]))
+        pygame.draw.lines(canvas, paint.TARGET, False, target, max(2, round(2 * self.brush.scale)))
         for axes, values, colour in ((force, past.force, paint.DRIVE), (way, past.arclength, paint.INK)):
             points = axes.px(np.array(past.time), np.array(values))
             if len(points) > 1:
@@ -173,7 +170,7 @@ class ForceMap:
         surface.blit(brush.pygame.transform.smoothscale(small, box.size), box)
         factor, unit = (np.degrees(1.0), "°") if self.turn else (1e3, "mm")
         ticks = np.linspace(commands[0], commands[-1], 5)
-        along = [places[-1] * i / 4 for i in range(5)]
+        along = round_ticks(float(places[-1]))
         self.axes.ticks(brush, surface, along, list(ticks), "", True, 1e3, float(factor), grid=False)
         name = "magnet angle θ [°]" if self.turn else f"magnet offset [{unit}]"
         brush.text(surface, f"{name} over tip arc length [mm]", (box.left, 1), 11, paint.INK)
@@ -185,15 +182,28 @@ class ForceMap:
         surface.blit(brush.pygame.surfarray.make_surface(bar), (place.right + 5, y + 1))
         brush.text(surface, words[1], (place.right + 10 + width, y), 11)
 
+    def background(self, canvas: Any) -> None:
+        """The map alone, with its axes, on a surface of its own size."""
+        canvas.blit(self._background, (0, 0))
+
     def wrapped(self, command: np.ndarray) -> np.ndarray:
         """Commands brought into the map's range: turns by whole circles."""
         low = self.axes.y[0]
         return low + (np.asarray(command) - low) % (2 * np.pi) if self.turn else np.asarray(command)
 
+    def place(self, at: tuple[float, float]) -> tuple[float, float] | None:
+        """Arc length and command under a pixel of the frame; None outside the map."""
+        box = self.axes.rect.move(self.rect.topleft)
+        if not box.collidepoint(at):
+            return None
+        (s0, s1), (c0, c1) = self.axes.x, self.axes.y
+        u, v = (at[0] - box.left) / (box.width - 1), (at[1] - box.top) / (box.height - 1)
+        return s0 + u * (s1 - s0), c1 - v * (c1 - c0)
+
     def draw(self, surface: Any, past: History, now: Snapshot) -> None:
         """The map with the path so far, the target and the present point."""
         canvas, pygame, k = surface.subsurface(self.rect), self.brush.pygame, self.brush.scale
-        canvas.blit(self._background, (0, 0))
+        self.background(canvas)
         top, bottom = self.axes.px(now.goal, np.array(self.axes.y))
         pygame.draw.line(canvas, paint.TARGET, top, bottom, max(2, round(2 * k)))
         path = self.wrapped(np.array(past.command))
@@ -205,6 +215,12 @@ class ForceMap:
         here = self.axes.px(now.tip_arclength, self.wrapped(now.magnet[0]))
         pygame.draw.circle(canvas, paint.PAPER, here, 5 * k)
         pygame.draw.circle(canvas, paint.TIP, here, 3.5 * k)
+
+
+def round_ticks(end: float) -> list[float]:
+    """Three to six round numbers from 0 up to `end`."""
+    step = paint.nice(end / 4.9)
+    return [i * step for i in range(int(end / step * (1 + 1e-9)) + 1)]
 
 
 def map_limit(values: np.ndarray) -> float:

@@ -10,9 +10,20 @@ import numpy as np
 
 from ..envs.core import SteeringCore
 from ..physics.magnets import BlockMagnet, CylinderMagnet, Magnet
-from ..scenario import Scenario, Slide, Turn
+from ..rig import Slide, Turn
+from ..scenario import Scenario
 
-__all__ = ["Snapshot", "blend", "body_halves", "dof_texts", "force_scale", "magnet_rotations", "snapshots"]
+__all__ = [
+    "Snapshot",
+    "axis_rotation",
+    "blend",
+    "body_halves",
+    "dof_texts",
+    "force_scale",
+    "magnet_rotations",
+    "number",
+    "snapshots",
+]
 
 _POINT_SIZE = 10e-3
 """m, edge of the cube that stands for a point dipole."""
@@ -48,7 +59,7 @@ class Snapshot:
     magnet_positions: np.ndarray
 
 
-_BLENDED = tuple(f.name for f in dataclasses.fields(Snapshot) if f.name not in ("scenario", "goal"))
+_BLENDED = tuple(f.name for f in dataclasses.fields(Snapshot) if f.name != "scenario")
 
 
 def snapshots(core: SteeringCore, lanes: Sequence[int] | None = None) -> list[Snapshot]:
@@ -57,13 +68,14 @@ def snapshots(core: SteeringCore, lanes: Sequence[int] | None = None) -> list[Sn
     lanes = range(sim.num_envs) if lanes is None else lanes
     positions, wall, centres = sim.positions, sim.wall_force, sim.magnet_positions
     arclength, drive, lateral = sim.tip_arclength, sim.drive_force, sim.lateral_force
-    tip, tangent, force, magnet, scenarios = sim.tip_position, sim.tip_tangent, sim.tip_force, sim.magnet, sim.scenarios
+    tip, tangent, force, magnet = sim.tip_position, sim.tip_tangent, sim.tip_force, sim.magnet
     out = []
     for i in lanes:
         nodes = positions[i][~np.isnan(positions[i, :, 0])]
         out.append(
             Snapshot(
-                scenarios[i], float(sim.time[i]), float(arclength[i]), float(core.goal[i]), nodes,
+                sim.library.scenarios[sim.lane_scenario[i]],
+                float(sim.time[i]), float(arclength[i]), float(core.goal[i]), nodes,
                 np.full(len(nodes), wall[i]), tip[i], tangent[i] / np.linalg.norm(tangent[i]), force[i],
                 float(drive[i]), float(lateral[i]), float(wall[i]), magnet[i], centres[i],
             )
@@ -87,12 +99,13 @@ def magnet_rotations(scenario: Scenario, magnet: np.ndarray) -> np.ndarray:
         out[m] = np.eye(3)
         for dof in mount.dofs:
             if isinstance(dof, Turn):
-                out[m] = _rotation(dof.axis, magnet[at]) @ out[m]
+                out[m] = axis_rotation(dof.axis, magnet[at]) @ out[m]
             at += 1
     return out
 
 
-def _rotation(axis: str, angle: float) -> np.ndarray:
+def axis_rotation(axis: str, angle: float) -> np.ndarray:
+    """The rotation (3, 3) by `angle` (rad) about a world axis."""
     i = "xyz".index(axis)
     j, k = (i + 1) % 3, (i + 2) % 3
     c, s = np.cos(angle), np.sin(angle)

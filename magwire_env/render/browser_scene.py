@@ -1,0 +1,217 @@
+"""The browser page's 3-D scene of one scenario: built once, then moved."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..scenario import Scenario
+from . import meshes, paint
+from .meshes import quaternion
+from .panels import ForceMap, map_of
+from .snapshot import Snapshot, body_halves, force_scale, magnet_rotations
+from .views import view_bounds
+
+__all__ = ["Scene3D"]
+
+_FORCE_LENGTH = 0.03
+"""m, of the force arrow at the reference force."""
+
+_MAP_PIXELS = (960, 600)
+_TIP_SCALE = 2.5
+"""The tip magnet is drawn so many times as large as it is, or nobody would see its poles."""
+
+_WIRE_SIDES = 10
+
+
+class Scene3D:
+    """Lumen, target, wire, tip, magnets, field lines, force arrows, and the force map on a board behind them."""
+
+    def __init__(self, server: Any, scenario: Scenario) -> None:
+        self.server, self.scenario = server, scenario
+        self.low, self.high = view_bounds(scenario)
+        self.limit = scenario.contact.wall_force_limit
+        self.reference = paint.nice(force_scale(scenario) / 8)
+        self._clouds = [
+            m.magnet.dipoles("gauss", 2 if len(scenario.rig.magnets) > 1 else 4) for m in scenario.rig.magnets
+        ]
+        self._add_lumen()
+        self._add_wire()
+        self._add_magnets()
+        self.board = Board(server, scenario, self.low, self.high) if len(scenario.rig.dofs) == 1 else None
+        size = float(np.linalg.norm(self.high - self.low))
+        middle = (self.low + self.high) / 2
+        # A little to the right of the scene, since the panel covers the right of the window.
+        middle[0] += 0.12 * size
+        server.initial_camera.look_at = tuple(middle)
+        server.initial_camera.position = tuple(middle + size * np.array([0.0, -0.75, 0.52]))
+        server.initial_camera.up = (0.0, 0.0, 1.0)
+
+    def _add_lumen(self) -> None:
+        tract, scene = self.scenario.tract, self.server.scene
+        s = np.linspace(0.0, tract.length, max(60, round(tract.length / 4e-3)))
+        vertices, faces = meshes.tube(tract.position(s), tract.radius_at(s))
+        scene.add_mesh_simple(
+            "/lumen", vertices, faces, color=paint.LUMEN_EDGE, opacity=0.35, side="double", cast_shadow=False
+        )
+        reach = 1.15 * tract.widest
+        self._target = scene.add_mesh_simple(
+            "/target", *meshes.tube(_ring(reach), 0.12 * reach, 8), color=paint.TARGET, cast_shadow=False
+        )
+        self._goal = float("nan")
+
+    def _add_wire(self) -> None:
+        scene, wire = self.server.scene, self.scenario.wire
+        line = np.linspace((0.0, 0.0, 0.0), (wire.length, 0.0, 0.0), wire.segments + 1)
+        self._wire = scene.add_mesh_simple("/wire", *meshes.tube(line, wire.radius, _WIRE_SIDES), color=paint.WIRE_FREE)
+        self._tip = scene.add_frame("/tip", show_axes=False)
+        for name, corners, colour in zip(
+            ("north", "south"), body_halves(self.scenario.tip), (paint.NORTH, paint.SOUTH), strict=True
+        ):
+            scene.add_mesh_simple(
+                f"/tip/{name}", *meshes.prism(_TIP_SCALE * corners), color=colour, flat_shading=True, side="double"
+            )
+        nothing = np.zeros((1, 2, 3))
+        width = 8e-4
+        self._force, self._drive = (
+            scene.add_arrows(
+                f"/{name}", nothing, colour, shaft_radius=k * width, head_radius=2.5 * k * width, head_length=7 * width
+            )
+            for name, colour, k in (("force", paint.FORCE, 1.0), ("drive", paint.DRIVE, 1.6))
+        )
+
+    def _add_magnets(self) -> None:
+        scene, rig = self.server.scene, self.scenario.rig
+        self._magnets = []
+        for i, mount in enumerate(rig.magnets):
+            frame = scene.add_frame(f"/magnet{i}", show_axes=False)
+            for name, corners, colour in zip(
+                ("north", "south"), body_halves(mount.magnet), (paint.NORTH, paint.SOUTH), strict=True
+            ):
+                scene.add_mesh_simple(
+                    f"/magnet{i}/{name}", *meshes.prism(corners), color=colour, flat_shading=True, side="double"
+                )
+            self._magnets.append(frame)
+        # A single magnet carries its lines with it; those of several are of the sum, and drawn anew as they turn.
+        self._lone = len(rig.magnets) == 1
+        reach = max(rig.magnets[0].magnet.reach, 8e-3)
+        self._line_step, self._line_extent = reach / 8, 4 * reach
+        if self._lone:
+            segments, size = meshes.field_lines(
+                self._clouds, meshes.seeds(rig.magnets[0].magnet), self._line_step, self._line_extent
+            )
+        else:
+            segments, size = np.zeros((1, 2, 3)), np.ones(1)
+        self._lines = scene.add_line_segments(
+            "/magnet0/field" if self._lone else "/field",
+            segments,
+            _line_colours(size),
+            thickness=1.2,
+            thickness_units="screen",
+        )
+        self._lines_at: np.ndarray | None = None
+
+    def show_lines(self, visible: bool) -> None:
+        """Field lines on or off."""
+        self._lines.visible = visible
+
+    def update(self, now: Snapshot) -> None:
+        """Move everything to where it is now."""
+        vertices, _ = meshes.tube(now.nodes, self.scenario.wire.radius, _WIRE_SIDES)
+        self._wire.vertices = vertices.astype(np.float32)
+        self._wire.color = paint.load_colour(float(now.contact[-1]) / self.limit)
+        self._tip.position, self._tip.wxyz = now.tip_position, quaternion(meshes.rotation_to(now.tip_tangent))
+        size = _FORCE_LENGTH / self.reference
+        for arrow, force in ((self._force, now.tip_force), (self._drive, now.drive_force * now.tip_tangent)):
+            arrow.points = np.array([[now.tip_position, now.tip_position + size * force]], dtype=np.float32)
+        for frame, rotation, centre in zip(
+            self._magnets, magnet_rotations(self.scenario, now.magnet), now.magnet_positions, strict=True
+        ):
+            frame.position, frame.wxyz = centre, quaternion(rotation)
+        if now.goal != self._goal:
+            self._goal = now.goal
+            tract = self.scenario.tract
+            self._target.position = tract.position(now.goal)
+            self._target.wxyz = quaternion(meshes.rotation_to(tract.tangent(now.goal)))
+        if self.board is not None:
+            self.board.update(now)
+
+    def update_lines(self, now: Snapshot) -> None:
+        """The field lines of several magnets, anew if a magnet has moved; call it a few times a second."""
+        if self._lone or not self._lines.visible:
+            return
+        if self._lines_at is not None and np.allclose(self._lines_at, now.magnet, atol=1e-4):
+            return
+        self._lines_at = now.magnet.copy()
+        turns, places = magnet_rotations(self.scenario, now.magnet), now.magnet_positions
+        clouds = [c.moved(r, p) for c, r, p in zip(self._clouds, turns, places, strict=True)]
+        starts = [
+            meshes.seeds(m.magnet, (0.3, 0.8), 6) @ r.T + p
+            for m, r, p in zip(self.scenario.rig.magnets, turns, places, strict=True)
+        ]
+        segments, size = meshes.field_lines(
+            clouds, np.concatenate(starts), 1.6 * self._line_step, self._line_extent, 50
+        )
+        self._lines.points, self._lines.colors = segments.astype(np.float32), _line_colours(size)
+
+
+class Board:
+    """The force map standing behind the scene, with the present point on it; it says where a ray hits it."""
+
+    def __init__(self, server: Any, scenario: Scenario, low: np.ndarray, high: np.ndarray) -> None:
+        brush = paint.Brush(_MAP_PIXELS[1] / 205)
+        data = map_of(scenario)
+        assert data is not None
+        self.map = ForceMap(brush, scenario, brush.pygame.Rect((0, 0), _MAP_PIXELS), data)
+        canvas = brush.surface(_MAP_PIXELS, paint.PAPER)
+        self.map.background(canvas)
+        self.width = 1.4 * float(high[0] - low[0])
+        self.height = self.width * _MAP_PIXELS[1] / _MAP_PIXELS[0]
+        # Behind the scene (+y), high enough for the magnet to leave most of it free.
+        self.centre = np.array([(low[0] + high[0]) / 2, high[1] + 0.15 * self.width, low[2] + 0.75 * self.height])
+        # The image's own axes: x to its right, y down, z away from the viewer.
+        self.axes = np.column_stack([(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)])
+        self.image = server.scene.add_image(
+            "/map", paint.pixels(canvas), self.width, self.height, wxyz=quaternion(self.axes), position=self.centre,
+            cast_shadow=False, receive_shadow=False, format="png",
+        )  # fmt: skip
+        size = 0.016 * self.width
+        self._point = server.scene.add_icosphere("/map_point", radius=size, color=paint.TIP)
+        self._line = server.scene.add_box("/map_target", paint.TARGET, (0.3 * size, 0.1 * size, 1.0))
+
+    def world(self, place: float, command: float) -> np.ndarray:
+        """The board's point (3,) m for an arc length (m) and a command (rad or m)."""
+        return self._at(self.map.axes.px(place, command) / _MAP_PIXELS)
+
+    def _at(self, share: np.ndarray) -> np.ndarray:
+        return self.centre + self.axes[:, :2] @ ((share - 0.5) * (self.width, self.height))
+
+    def hit(self, origin: np.ndarray, direction: np.ndarray) -> tuple[float, float] | None:
+        """Arc length and command where a ray meets the map, None beside it."""
+        normal = self.axes[:, 2]
+        slope = float(normal @ direction)
+        if abs(slope) < 1e-9:
+            return None
+        point = np.asarray(origin) + direction * float(normal @ (self.centre - origin)) / slope
+        share = self.axes[:, :2].T @ (point - self.centre) / (self.width, self.height) + 0.5
+        return self.map.place(tuple(share * _MAP_PIXELS))
+
+    def update(self, now: Snapshot) -> None:
+        """Move the present point and the target's line."""
+        self._point.position = self.world(now.tip_arclength, float(self.map.wrapped(now.magnet[0])))
+        low, high = (self.world(now.goal, end) for end in self.map.axes.y)
+        self._line.position = (low + high) / 2
+        self._line.scale = (1.0, 1.0, float(np.linalg.norm(high - low)))
+
+
+def _ring(radius: float) -> np.ndarray:
+    angle = np.linspace(0.0, 2 * np.pi, 33)
+    return radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
+
+
+def _line_colours(size: np.ndarray) -> np.ndarray:
+    """Field lines from pale (1 mT and less) to dark (100 mT and more): (k,) T → (k, 2, 3) uint8."""
+    share = np.clip(np.log10(np.maximum(size, 1e-9) / 1e-3) / 2, 0.0, 1.0)[:, None]
+    colour = np.array([205, 210, 220]) + share * (np.array([70, 80, 110]) - np.array([205, 210, 220]))
+    return np.round(colour).astype(np.uint8)[:, None].repeat(2, axis=1)

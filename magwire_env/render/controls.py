@@ -1,0 +1,205 @@
+"""The browser page's panel: what to run, the magnet's sliders and handles, numbers and charts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..rig import Slide, Turn
+from ..scenario import Scenario
+from . import paint
+from .meshes import quaternion
+from .panels import drive_name
+from .snapshot import Snapshot, axis_rotation, number
+
+if TYPE_CHECKING:
+    from .browser import Page
+
+__all__ = ["HAND", "Controls"]
+
+HAND = "your hand"
+
+_CLICKS = {"turns the magnet": "turns", "starts there": "starts"}
+
+
+class Controls:
+    """Widgets of one page. A visitor's wish goes through the page's queue; the page's own changes are not wishes."""
+
+    def __init__(self, page: Page) -> None:
+        self.page = page
+        gui = page.server.gui
+        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        with gui.add_folder("Episode"):
+            self._choices(gui)
+        self._magnet_folder = gui.add_folder("Magnet")
+        with gui.add_folder("Now"):
+            self.numbers = gui.add_markdown("")
+            self._charts(gui)
+        self.sliders: list[Any] = []
+        self.handles: list[tuple[Any, list[int]]] = []
+
+    def _choices(self, gui: Any) -> None:
+        page = self.page
+        self.task = gui.add_dropdown("Task", page.tasks)
+        self.scenario = gui.add_dropdown("Scenario", tuple(page.scenarios))
+        self.policy = gui.add_dropdown("Policy", (HAND, *page.policies))
+        self.speed = gui.add_slider("Speed", min=0.1, max=4.0, step=0.1, initial_value=1.0)
+        self.go = gui.add_button("Play", color="teal")
+        self.again = gui.add_button("Reset", color="gray")
+        self.click = gui.add_dropdown("Map click", tuple(_CLICKS))
+        self.lines = gui.add_checkbox("Field lines", True)
+        for widget in (self.task, self.scenario):
+            self._on(widget, lambda: page.open(self.task.value, self.scenario.value))
+        self._on(self.policy, lambda: page.choose_policy(self.policy.value))
+        self._on(self.speed, lambda: setattr(page, "speed", float(self.speed.value)))
+        self._on(self.click, lambda: setattr(page, "click", _CLICKS[self.click.value]))
+        self._on(self.lines, lambda: page.scene.show_lines(self.lines.value))
+        self.go.on_click(lambda _: page.requests.put(lambda: page.play(not page.playing)))
+        self.again.on_click(lambda _: page.requests.put(page.reset))
+
+    def _on(self, widget: Any, wish: Any) -> None:
+        """`wish` is done when a visitor, not the page itself, changes the widget."""
+        widget.on_update(lambda event: self.page.requests.put(wish) if event.client_id is not None else None)
+
+    def _charts(self, gui: Any) -> None:
+        start = np.array([0.0, 1.0])
+        axis = {"size": 40, "font": "11px sans-serif", "labelFont": "11px sans-serif", "labelSize": 18}
+        time_axis = {**axis, "label": "time [s]", "size": 28}
+        self.force_chart, self.way_chart = (
+            gui.add_uplot(
+                (start, start),
+                ({"label": "t [s]"}, {"label": label, "stroke": "rgb({}, {}, {})".format(*colour), "width": 2}),
+                scales={"x": {"time": False}},
+                axes=(time_axis, {**axis, "label": label, "size": 46}),
+                legend={"show": False}, height=130,
+            )
+            for label, colour in (("force [mN]", paint.DRIVE), ("tip [mm]", paint.INK))
+        )  # fmt: skip
+
+    # --- the rig ----------------------------------------------------------------------------------------------------
+
+    def rig(self, scenario: Scenario, magnet: np.ndarray) -> None:
+        """Sliders and handles for a scenario's rig, its degrees of freedom at `magnet`."""
+        for slider in self.sliders:
+            slider.remove()
+        self.sliders, self.handles = [], []
+        gui = self.page.server.gui
+        several = len(scenario.rig.magnets) > 1
+        dof = 0
+        for m, mount in enumerate(scenario.rig.magnets):
+            slides = []
+            for part in mount.dofs:
+                which = f" {m + 1}" if several else ""
+                with self._magnet_folder:
+                    if isinstance(part, Slide):
+                        low, high, name = 1e3 * part.low, 1e3 * part.high, f"Offset {part.axis}{which} [mm]"
+                        slides.append(dof)
+                    else:
+                        home = round(np.degrees(part.home))
+                        low, high, name = home - 180, home + 180, f"Angle {part.axis}{which} [°]"
+                    value = float(np.clip(self._shown(part, magnet[dof]), low, high))
+                    slider = gui.add_slider(name, min=low, max=high, step=1.0, initial_value=value)
+                self._on(slider, lambda dof=dof, part=part, slider=slider: self._slid(dof, part, slider.value))
+                self.sliders.append(slider)
+                if isinstance(part, Turn):
+                    self._turn_handle(m, dof, part, mount)
+                dof += 1
+            if slides:
+                self._slide_handle(m, slides, mount)
+
+    def _slid(self, dof: int, part: Turn | Slide, value: float) -> None:
+        self.page.hold(dof, 1e-3 * value if isinstance(part, Slide) else float(np.radians(value)))
+
+    @staticmethod
+    def _shown(part: Turn | Slide, value: float) -> float:
+        """A degree of freedom as its slider shows it: mm, or degrees within half a turn of home."""
+        if isinstance(part, Slide):
+            return 1e3 * value
+        home = np.degrees(part.home)
+        return float(home + (np.degrees(value) - home + 180) % 360 - 180)
+
+    def _turn_handle(self, m: int, dof: int, part: Turn, mount: Any) -> None:
+        """A ring about the magnet to drag round. A handle has a ring only in the plane of two active axes."""
+        axis = "xyz".index(part.axis)
+        active = tuple(i != axis for i in range(3))
+        handle = self.page.server.scene.add_transform_controls(
+            f"/turn{dof}", scale=2.1 * mount.magnet.reach + 0.01, active_axes=active, disable_axes=True,
+            disable_sliders=True, depth_test=False, line_width=4.0,
+        )  # fmt: skip
+
+        def dragged(event: Any) -> None:
+            if event.client_id is not None:
+                w, *v = handle.wxyz
+                angle = 2 * float(np.arctan2(v[axis], w))
+                self.page.requests.put(lambda: self.page.hold(dof, angle))
+
+        handle.on_update(dragged)
+        self.handles.append((handle, [m, dof, axis]))
+
+    def _slide_handle(self, m: int, slides: list[int], mount: Any) -> None:
+        """Arrows along the axes a magnet can slide on."""
+        own = [self.page.now.scenario.rig.dofs[d] for d in slides]
+        parts = {"xyz".index(part.axis): (d, part) for d, part in zip(slides, own, strict=True)}
+        limits = [(-1e3, 1e3)] * 3
+        for i, (_, part) in parts.items():
+            if isinstance(part, Slide):
+                limits[i] = mount.position[i] + part.low, mount.position[i] + part.high
+        handle = self.page.server.scene.add_transform_controls(
+            f"/slide{m}", scale=1.5 * mount.magnet.reach + 0.01, active_axes=tuple(i in parts for i in range(3)),
+            disable_rotations=True, translation_limits=tuple(limits), depth_test=False, line_width=4.0,
+        )  # fmt: skip
+
+        def dragged(event: Any) -> None:
+            if event.client_id is not None:
+                offsets = {d: float(handle.position[i] - mount.position[i]) for i, (d, _) in parts.items()}
+                self.page.requests.put(lambda: self.page.hold_all(offsets))
+
+        handle.on_update(dragged)
+        self.handles.append((handle, [m]))
+
+    # --- following the run ------------------------------------------------------------------------------------------
+
+    def follow(self, now: Snapshot, command: np.ndarray) -> None:
+        """Bring sliders and handles to the magnet while a policy moves it; the hand's stay where it put them."""
+        held = self.page.policy_name == HAND
+        where = command if held else now.magnet
+        for part, slider, value in zip(self.page.now.scenario.rig.dofs, self.sliders, where, strict=True):
+            shown = round(self._shown(part, value))
+            if abs(shown - slider.value) >= 1:
+                slider.value = float(np.clip(shown, slider.min, slider.max))
+        for handle, (m, *turn) in self.handles:
+            handle.position = now.magnet_positions[m]
+            if turn:
+                dof, axis = turn
+                handle.wxyz = quaternion(axis_rotation("xyz"[axis], float(where[dof])))
+        label = "Pause" if self.page.playing else "Play"
+        if self.go.label != label:
+            self.go.label = label
+        if self.policy.value != self.page.policy_name:
+            self.policy.value = self.page.policy_name
+
+    def report(self) -> None:
+        """Numbers and charts."""
+        page, now = self.page, self.page.shown
+        rows = [
+            ("time", f"{now.time:.1f} s", "tip", f"{number(1e3 * now.tip_arclength)} of {1e3 * now.goal:.0f} mm"),
+            (
+                drive_name(now.scenario),
+                f"{number(1e3 * now.drive_force, 1)} mN",
+                "lateral",
+                f"{1e3 * now.lateral_force:.1f} mN",
+            ),
+            ("wall", f"{1e3 * now.wall_force:.0f} mN", "score", number(page.score, 1)),
+        ]
+        words = "| | | | |\n|---|---|---|---|\n" + "\n".join(f"| {' | '.join(row)} |" for row in rows)
+        if page.summary is not None:
+            words += "\n\n**" + (f"goal in {page.summary['time']:.2f} s" if page.success else "not reached") + "**"
+        if page.message:
+            words += f"\n\n{page.message}"
+        if self.numbers.content != words:
+            self.numbers.content = words
+        time = np.array(page.past.time)
+        if len(time) > 1:
+            self.force_chart.data = (time, 1e3 * np.array(page.past.force))
+            self.way_chart.data = (time, 1e3 * np.array(page.past.arclength))

@@ -1,0 +1,130 @@
+"""Meshes and lines for the browser page: tubes, magnets, field lines. Pure NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..physics.dipoles import DipoleCloud, field
+from ..physics.magnets import Magnet
+from .snapshot import body_halves
+
+__all__ = ["field_lines", "prism", "quaternion", "rotation_to", "tube"]
+
+
+def tube(points: np.ndarray, radius: np.ndarray | float, sides: int = 16) -> tuple[np.ndarray, np.ndarray]:
+    """A tube along `points` (n, 3) m, open at both ends: vertices (n·sides, 3) m and faces (m, 3).
+
+    The rings' frames are carried along without twist.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    ways = np.gradient(points, axis=0)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    first = np.eye(3)[np.abs(ways[0]).argmin()]
+    normals = np.empty_like(points)
+    for i, way in enumerate(ways):
+        first = first - way * (way @ first)
+        first = first / np.linalg.norm(first)
+        normals[i] = first
+    binormals = np.cross(ways, normals)
+    angle = 2 * np.pi * np.arange(sides) / sides
+    ring = np.cos(angle)[:, None] * normals[:, None] + np.sin(angle)[:, None] * binormals[:, None]
+    size = np.broadcast_to(np.asarray(radius, dtype=np.float64), (len(points),))
+    vertices = points[:, None] + size[:, None, None] * ring
+    return vertices.reshape(-1, 3), tube_faces(len(points), sides)
+
+
+def tube_faces(rings: int, sides: int) -> np.ndarray:
+    """Faces between `rings` of `sides` vertices each, outwards, (2·(rings − 1)·sides, 3)."""
+    i, k = np.meshgrid(np.arange(rings - 1), np.arange(sides), indexing="ij")
+    a, b = i * sides + k, i * sides + (k + 1) % sides
+    lower = np.stack([a, b, a + sides], axis=-1)
+    upper = np.stack([b, b + sides, a + sides], axis=-1)
+    return np.concatenate([lower.reshape(-1, 3), upper.reshape(-1, 3)]).astype(np.uint32)
+
+
+def prism(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The solid between two rims, the first and the second half of `corners` (2·k, 3): vertices and faces, outwards."""
+    k = len(corners) // 2
+    faces = [(0, i + 1, i) for i in range(1, k - 1)]
+    faces += [(k, k + i, k + i + 1) for i in range(1, k - 1)]
+    for i in range(k):
+        j = (i + 1) % k
+        faces += [(i, j, k + i), (j, k + j, k + i)]
+    out = np.array(faces, dtype=np.uint32)
+    if corners[k:, 2].mean() < corners[:k, 2].mean():  # the second rim below the first: turn every face round
+        out = out[:, ::-1]
+    return np.asarray(corners, dtype=np.float64), np.ascontiguousarray(out)
+
+
+def quaternion(rotation: np.ndarray) -> tuple[float, float, float, float]:
+    """A rotation matrix (3, 3) as (w, x, y, z)."""
+    m = np.asarray(rotation)
+    # The largest of the four components is found first, so that nothing is divided by a small number.
+    squares = np.array(
+        [
+            1 + m[0, 0] + m[1, 1] + m[2, 2],
+            1 + m[0, 0] - m[1, 1] - m[2, 2],
+            1 - m[0, 0] + m[1, 1] - m[2, 2],
+            1 - m[0, 0] - m[1, 1] + m[2, 2],
+        ]
+    )
+    k = int(squares.argmax())
+    products = np.array(
+        [
+            [squares[0], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], squares[1], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0]],
+            [m[0, 2] - m[2, 0], m[1, 0] + m[0, 1], squares[2], m[2, 1] + m[1, 2]],
+            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], squares[3]],
+        ]
+    )
+    w, x, y, z = (products[k] / (2 * np.sqrt(squares[k]))).tolist()
+    return (w, x, y, z)
+
+
+def rotation_to(direction: np.ndarray) -> np.ndarray:
+    """A rotation (3, 3) that brings z to `direction`, a unit vector."""
+    helper = np.eye(3)[np.abs(direction).argmin()]
+    x = np.cross(helper, direction)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(direction, x), direction])
+
+
+def seeds(magnet: Magnet, rings: tuple[float, ...] = (0.25, 0.55, 0.85), spokes: int = 10) -> np.ndarray:
+    """Starting points of field lines just outside a magnet's north face, in its own frame, (rings·spokes, 3) m."""
+    north, _ = body_halves(magnet)
+    half, edge = north[:, 2].max(), np.abs(north[:, :2]).max()
+    angle = 2 * np.pi * (np.arange(spokes) + 0.5) / spokes
+    return np.array([(r * edge * np.cos(a), r * edge * np.sin(a), 1.02 * half) for r in rings for a in angle])
+
+
+def field_lines(
+    clouds: Sequence[DipoleCloud], starts: np.ndarray, step: float, extent: float, steps: int = 90
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lines of the flux density from `starts` (n, 3) m on, in steps of `step` m, up to `extent` m from their middle.
+
+    Returns segments (k, 2, 3) m and the flux density at their starts (k,) T. A line ends where it comes near a dipole.
+    """
+    middle = starts.mean(axis=0)
+    here, alive = starts.copy(), np.ones(len(starts), dtype=np.bool_)
+    segments, strengths = [], []
+
+    def way(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        b = np.sum([field(cloud, points) for cloud in clouds], axis=0)
+        size = np.linalg.norm(b, axis=1)
+        return b / size[:, None], size
+
+    dipoles = np.concatenate([cloud.positions for cloud in clouds])
+    for _ in range(steps):
+        points = here[alive]
+        if not len(points):
+            break
+        first, size = way(points)
+        there = points + step * way(points + step / 2 * first)[0]
+        segments.append(np.stack([points, there], axis=1))
+        strengths.append(size)
+        here[alive] = there
+        gap = np.linalg.norm(here[:, None] - dipoles, axis=2).min(axis=1)
+        alive &= (np.linalg.norm(here - middle, axis=1) < extent) & (gap > 1.5 * step)
+    return np.concatenate(segments), np.concatenate(strengths)
