@@ -174,7 +174,7 @@ def coupling(size: Size) -> list[Row]:
         ),
     ]
     for name, direction in (("forward", 1.0), ("back", -1.0)):
-        least, at = min((greatest_margin(wrench, float(x), direction), float(x)) for x in s[::8])
+        least, at = min((greatest_margin(wrench, float(x), direction), float(x)) for x in s)
         quantity = f"`wrench`, {name}: drive beyond resistance, any angle, weakest, at s = {at:.3f} m"
         rows.append(at_most(quantity, "mN", 0.0, "limit of the claim", 1e3 * least))
     return rows
