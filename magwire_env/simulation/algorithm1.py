@@ -366,6 +366,7 @@ def joint_forces(w, nodes, spare, wire, par, table, out, s, v, h):
     for i in range(tip):
         w0, n = i * WIRE_STRIDE, (i + 1) * LANES
         speed, mass = load(v, i * LANES), load(wire, w0 + MASS)
+        inertia = mass * (1.0 / h)
         if i + 1 < tip:
             nx, ny, nz, ex, ey, ez, cx, cy, cz = snap(load(s, n), par, table)
         else:
@@ -380,8 +381,8 @@ def joint_forces(w, nodes, spare, wire, par, table, out, s, v, h):
         ox, oy, oz = mass * gx + hx - fx, mass * gy + hy - fy, mass * gz + hz - fz
         along = dot(ox, oy, oz, tx, ty, tz)
         normal = mu * sqrt(maximum(dot(ox, oy, oz, ox, oy, oz) - along * along, 0.0))
-        q = q + along + (mass / h - load(wire, w0 + DRAG_OLD)) * speed - a_up * back
-        diag = diag + mass / h + load(wire, w0 + DRAG_NEW) + h * k * a_up * a_up
+        q = q + along + (inertia - load(wire, w0 + DRAG_OLD)) * speed - a_up * back
+        diag = diag + inertia + load(wire, w0 + DRAG_NEW) + h * k * a_up * a_up
         off = -h * k * a_up * b_up
         q_up = b_up * back
         if i > 0:
@@ -407,6 +408,7 @@ def joint_forces(w, nodes, spare, wire, par, table, out, s, v, h):
         q, diag = q_up, h * k * b_up * b_up
     w0 = tip * WIRE_STRIDE
     speed, mass = load(v, tip * LANES), load(wire, w0 + MASS)
+    inertia = mass * (1.0 / h)
     mx, my, mz = load3(out, FX)
     ox, oy, oz = mass * gx - fx + mx, mass * gy - fy + my, mass * gz - fz + mz
     along = dot(ox, oy, oz, tx, ty, tz)
@@ -414,8 +416,8 @@ def joint_forces(w, nodes, spare, wire, par, table, out, s, v, h):
     normal = mu * (normal + load(par, LEVER_FRICTION) * (load(out, WALL) - load(out, LATERAL)))
     # Under `wrench` the drive is more than F·t: the tip's couple pushes along the bend too.
     q = q + along + load(out, DRIVE) - dot(mx, my, mz, tx, ty, tz)
-    q = q + (mass / h - load(wire, w0 + DRAG_OLD)) * speed
-    diag = diag + mass / h + load(wire, w0 + DRAG_NEW)
+    q = q + (inertia - load(wire, w0 + DRAG_OLD)) * speed
+    diag = diag + inertia + load(wire, w0 + DRAG_NEW)
     kx, ky, kz = load3(out, CURV_X)
     here, far = end_bending(load(wire, w0 + K_END), inv, tx, ty, tz, kx, ky, kz, ux, uy, uz, sx, sy, sz)
     q, q_below = q + here, q_below + far

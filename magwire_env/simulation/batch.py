@@ -324,7 +324,10 @@ def _lane_row(sc: Scenario, first_row: int) -> np.ndarray:
 
 
 def _wire_rows(sc: Scenario, nodes: int) -> np.ndarray:
-    """(nodes, 7) mass, drag twice, springs, rest length. End nodes carry half a segment; spare nodes trail, free."""
+    """(nodes, 7) mass, drag twice, springs, rest length. End nodes carry half a segment.
+
+    Spare nodes have no weight, so nothing rubs them, and a drag that keeps them at rest.
+    """
     wire, first = sc.wire, nodes - 1 - sc.wire.segments
     share = np.ones(nodes)
     share[first] = share[-1] = 0.5
@@ -341,6 +344,7 @@ def _wire_rows(sc: Scenario, nodes: int) -> np.ndarray:
     rows[first + 1 : -1, 4] = wire.bending_spring
     rows[first, 5] = rows[-1, 5] = 2 * wire.bending_spring
     rows[:, 6] = wire.segment_length
+    rows[:first, :3] = 0.0, 1.0, 0.0
     return rows
 
 

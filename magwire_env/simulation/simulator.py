@@ -87,6 +87,8 @@ class Simulator:
         lane_scenario: np.ndarray | None = None,
     ) -> None:
         scenarios = [scenario] if isinstance(scenario, Scenario) else list(scenario)
+        if not scenarios:
+            raise ValueError("scenario must be one scenario or a sequence of at least one, got none")
         n = len(scenarios) if num_envs is None else num_envs
         if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
             raise ValueError(f"num_envs must be a whole number of at least 1, got {num_envs!r}")
