@@ -22,7 +22,7 @@ lint: $(VENV)/test.stamp
 	$(PY) -m mypy
 
 bench: $(VENV)/test.stamp
-	$(PY) tests/speed/accuracy.py
+	$(PY) tests/speed/bench.py $(ARGS)
 
 pictures: $(VENV)/test.stamp
 	$(PY) -m agents.pictures docs/pictures
