@@ -14,7 +14,7 @@ from .physics.dipoles import field_gradient
 from .physics.fitted_cloud import SIZES
 from .physics.magnets import RULES, BlockMagnet, Magnet
 
-__all__ = ["ActuatedMagnet", "Rig", "Slide", "Turn", "cheapest_rule"]
+__all__ = ["ActuatedMagnet", "Coil", "Current", "Rig", "Slide", "Turn", "cheapest_rule"]
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -110,20 +110,78 @@ class ActuatedMagnet:
 
 
 @dataclass(frozen=True)
-class Rig:
-    """The external magnets, at least one."""
+class Current:
+    """A coil's current.
 
-    magnets: tuple[ActuatedMagnet, ...]
+    low, high : A
+    home : A, at rest
+    speed : A/s at most, what the supply and the inductance allow
+    """
+
+    low: float = -10.0
+    high: float = 10.0
+    home: float = 0.0
+    speed: float = 100.0
+
+    def __post_init__(self) -> None:
+        for name in ("low", "high", "home"):
+            object.__setattr__(self, name, finite(f"Current.{name}", getattr(self, name), "A"))
+        object.__setattr__(self, "speed", positive("Current.speed", self.speed, "A/s"))
+        if not self.low <= self.home <= self.high or self.low == self.high:
+            raise ValueError(f"Current.home must lie in [low, high] with low < high (in A), got {self}")
+
+
+@dataclass(frozen=True)
+class Coil:
+    """A pair of coils about a world axis, as seen near its middle: a uniform field, a gradient, or both.
+
+    At r from the middle the field is i (u a + ½ g (3 (a·r) a − r)), a the axis: a Helmholtz pair has g = 0, a Maxwell
+    pair u = 0. It is free of divergence and curl, and linear; what holds far from the middle is not modelled.
+
+    axis : "x", "y" or "z"
+    uniform : u, T/A
+    gradient : g along the axis, T/(m·A)
+    position : m, of the middle
+    current : its range and speed, one degree of freedom
+    """
+
+    axis: str
+    uniform: float = 1e-3
+    gradient: float = 0.0
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    current: Current = Current()
+
+    def __post_init__(self) -> None:
+        one_of("Coil.axis", self.axis, tuple(_AXES))
+        object.__setattr__(self, "uniform", finite("Coil.uniform", self.uniform, "T/A"))
+        object.__setattr__(self, "gradient", finite("Coil.gradient", self.gradient, "T/(m·A)"))
+        object.__setattr__(self, "position", vector("Coil.position", self.position, 3, "m"))
+        if not (self.uniform or self.gradient):
+            raise ValueError(f"Coil.uniform and Coil.gradient must not both be 0, got {self}")
+
+    def field(self, points: np.ndarray, current: float) -> np.ndarray:
+        """Flux density at `points` (n, 3) m under `current` A → (n, 3) T."""
+        axis, r = np.array(_AXES[self.axis]), np.asarray(points) - self.position
+        return current * (self.uniform * axis + 0.5 * self.gradient * (3 * (r @ axis)[:, None] * axis - r))
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The external magnets and coils, at least one of either."""
+
+    magnets: tuple[ActuatedMagnet, ...] = ()
+    coils: tuple[Coil, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "magnets", tuple(self.magnets))
-        if not self.magnets:
-            raise ValueError("Rig.magnets must hold at least one magnet, got none")
+        object.__setattr__(self, "coils", tuple(self.coils))
+        if not self.magnets and not self.coils:
+            raise ValueError("Rig.magnets and Rig.coils must hold at least one magnet or coil, got none")
 
     @property
-    def dofs(self) -> tuple[Turn | Slide, ...]:
-        """Every actuated degree of freedom, in the order of the command."""
-        return tuple(d for m in self.magnets for d in m.dofs)
+    def dofs(self) -> tuple[Turn | Slide | Current, ...]:
+        """Every actuated degree of freedom, in the order of the command: the magnets', then the coils' currents."""
+        return tuple(d for m in self.magnets for d in m.dofs) + tuple(c.current for c in self.coils)
 
 
 @lru_cache(maxsize=256)

@@ -18,12 +18,14 @@ from .physics.checks import non_negative, one_of, positive, vector, whole
 from .physics.guidewire import Guidewire
 from .physics.magnets import BlockMagnet, CylinderMagnet, PointDipole
 from .physics.tract import Tract
-from .rig import ActuatedMagnet, Rig, Slide, Turn, cheapest_rule
+from .rig import ActuatedMagnet, Coil, Current, Rig, Slide, Turn, cheapest_rule
 
 __all__ = [
     "COUPLINGS",
     "ActuatedMagnet",
+    "Coil",
     "Contact",
+    "Current",
     "Reading",
     "Rig",
     "Scenario",
@@ -120,7 +122,8 @@ class Scenario:
         centreline = self.tract.position(np.linspace(0.0, self.tract.length, 4 * len(self.tract.table)))
         magnets = []
         for i, mount in enumerate(self.rig.magnets):
-            distance, clear = mount.distance_to(centreline), mount.magnet.reach + self.tract.widest
+            distance = mount.distance_to(centreline) - 3**0.5 * self.variation.placement
+            clear = mount.magnet.reach + self.tract.widest
             if distance < clear:
                 raise ValueError(
                     f"Scenario.rig.magnets[{i}].position must keep the magnet's centre at least {clear:.4g} m from the "
@@ -129,7 +132,7 @@ class Scenario:
             if not mount.dipoles:
                 mount = dataclasses.replace(mount, dipoles=cheapest_rule(mount.magnet, distance))
             magnets.append(mount)
-        object.__setattr__(self, "rig", Rig(tuple(magnets)))
+        object.__setattr__(self, "rig", Rig(tuple(magnets), self.rig.coils))
 
     @classmethod
     def paper(cls, magnet_distance: float = 0.07, measured_to: str = "centre") -> Scenario:

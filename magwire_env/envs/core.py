@@ -119,7 +119,7 @@ class SteeringCore:
 
     def _vary(self, lanes: np.ndarray, entries: np.ndarray, rngs: Sequence[np.random.Generator]) -> None:
         """Draw this episode's friction, stiffness, remanence and placement about the scenario's own."""
-        magnets = len(self.sim.library.rig)
+        magnets = self.sim.library.magnet_count
         drawn = np.array([rng.uniform(-1.0, 1.0, 3 + 3 * magnets) for rng in rngs])
         ranges = [self.sim.library.scenarios[i].variation for i in entries]
         factors = 1.0 + drawn[:, :3] * np.array([[v.friction, v.stiffness, v.remanence] for v in ranges])

@@ -26,7 +26,7 @@ class Guidewire:
     times too stiff. Here the constants follow from the segments instead, k_axial = E·A/ℓ and k_bend = E·I/ℓ, so
     that a finer mesh is the same wire. Both printed numbers come out as properties of the wire:
 
-    >>> paper = Guidewire(length=.1, radius=2.5e-3, axial_modulus=600e3, bending_modulus=550e3, density=1100., segments=10)
+    >>> paper = Guidewire(.1, radius=2.5e-3, axial_modulus=600e3, bending_modulus=550e3, density=1100., segments=16)
     >>> round(paper.axial_rigidity, 3), round(paper.bending_modulus * paper.area, 3)
     (11.781, 10.799)
     """

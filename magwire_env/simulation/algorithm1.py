@@ -62,9 +62,10 @@ PAR_SIZE = len(_FIELDS) * LANES
 MASS, DRAG_NEW, DRAG_OLD, K_AXIAL, K_BEND, K_END, REST = (i * LANES for i in range(7))
 WIRE_STRIDE = 7 * LANES
 
-# Magnet parameters: magnets[m * MAGNET_STRIDE + field + lane]; STRENGTH is μ0 m / 4π
-CX, CY, CZ, STRENGTH = (i * LANES for i in range(4))
-MAGNET_STRIDE = 4 * LANES
+# Magnet parameters: magnets[m * MAGNET_STRIDE + field + lane]; STRENGTH is μ0 m / 4π, or a coil's uniform field an
+# ampere, GRADIENT the coil's gradient
+CX, CY, CZ, STRENGTH, GRADIENT = (i * LANES for i in range(5))
+MAGNET_STRIDE = 5 * LANES
 
 # Degrees of freedom: dofs[d * DOF_STRIDE + field + lane]
 SPEED, LOW, HIGH = (i * LANES for i in range(3))
@@ -94,8 +95,9 @@ OF_STATE, OF_ALL = PEAK_LATERAL // LANES, len(OUT_FIELDS)
 Q, NORMAL, DIAG, OFF, G, G_SLOPE, RATIO, RIGHT = (i * LANES for i in range(8))
 STRIDE = 8 * LANES
 
-TURN_SLOTS, SLOTS = 2, 7
-"""rig[m] holds: dof index of turn 1, turn 2, slide x, y, z (−1 if absent), then the axes of the two turns."""
+TURN_SLOTS, COIL_DOF, COIL_AXIS, SLOTS = 2, 7, 8, 9
+"""rig[m] holds: dof index of turn 1, turn 2, slide x, y, z (−1 if absent), the axes of the two turns; of a coil the
+index of its current, and its axis."""
 
 NEWTON_PATIENCE = 15
 """Newton steps before the slower secant takes over."""
@@ -240,15 +242,38 @@ def pull_of_magnet(rig, m, magnet, cloud, sources, q, out):
     return fx, fy, fz, bx, by, bz
 
 
+@njit(**_INLINE)
+def pull_of_coil(rig, m, coil, q, out):
+    """Force on a unit tip moment and field of a pair of coils, in the world's frame."""
+    px, py, pz = load3(out, TIP_X)
+    cx, cy, cz = load3(coil, CX)
+    rx, ry, rz = px - cx, py - cy, pz - cz
+    tx, ty, tz = load3(out, TAN_X)
+    current = load(q, rig[m, COIL_DOF] * LANES)
+    uniform, half = load(coil, STRENGTH) * current, 0.5 * load(coil, GRADIENT) * current
+    fx, fy, fz = -half * tx, -half * ty, -half * tz
+    bx, by, bz = -half * rx, -half * ry, -half * rz
+    if rig[m, COIL_AXIS] == 0:
+        return fx + 3.0 * half * tx, fy, fz, bx + uniform + 3.0 * half * rx, by, bz
+    if rig[m, COIL_AXIS] == 1:
+        return fx, fy + 3.0 * half * ty, fz, bx, by + uniform + 3.0 * half * ry, bz
+    return fx, fy, fz + 3.0 * half * tz, bx, by, bz + uniform + 3.0 * half * rz
+
+
 @njit(**_JIT)
 def magnetic_force(block, par, rig, magnets, clouds, cloud_of, sources, q, out):
-    """Step i. Force and field of every magnet at the tip, the drive along the tract, and the loads on the wall.
+    """Step i. Force and field of all magnets and coils at the tip, the drive along the tract, the loads on the wall.
 
     `force` drives by F·t, the paper's projection; `wrench` by F·t + m κ n·B, the gradient of the energy −m t·B.
     """
     fx, fy, fz, bx, by, bz = spread(0.0), spread(0.0), spread(0.0), spread(0.0), spread(0.0), spread(0.0)
     for m in range(rig.shape[0]):
         magnet, cloud = part(magnets, m * MAGNET_STRIDE, MAGNET_STRIDE), row(clouds, cloud_of[block, m])
+        if rig[m, COIL_DOF] >= 0:
+            gx, gy, gz, hx, hy, hz = pull_of_coil(rig, m, magnet, q, out)
+            fx, fy, fz = fx + gx, fy + gy, fz + gz
+            bx, by, bz = bx + hx, by + hy, bz + hz
+            continue
         gx, gy, gz, hx, hy, hz = pull_of_magnet(rig, m, magnet, cloud, sources[m], q, out)
         strength = load(magnet, STRENGTH)
         fx, fy, fz = fx + strength * gx, fy + strength * gy, fz + strength * gz

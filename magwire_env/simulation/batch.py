@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..physics.dipoles import MU0
-from ..scenario import Scenario, Slide, Turn
+from ..physics.magnets import PointDipole
+from ..scenario import Current, Scenario, Slide, Turn
 from . import algorithm1 as a1
 from .threads import cores, share_out
 
@@ -17,13 +18,16 @@ __all__ = ["LaneArrays", "Library"]
 
 @dataclass(frozen=True)
 class _Layout:
-    """What every scenario of a batch must share: the magnets' kinds of degrees of freedom."""
+    """What every scenario of a batch must share: the kinds of the magnets' degrees of freedom, and the coils' axes."""
 
     dofs: tuple[tuple[tuple[str, str], ...], ...]
+    coils: tuple[str, ...]
 
     @classmethod
     def of(cls, scenario: Scenario) -> _Layout:
-        return cls(tuple(tuple((type(d).__name__, d.axis) for d in m.dofs) for m in scenario.rig.magnets))
+        rig = scenario.rig
+        dofs = tuple(tuple((type(d).__name__, d.axis) for d in m.dofs) for m in rig.magnets)
+        return cls(dofs, tuple(c.axis for c in rig.coils))
 
 
 class Library:
@@ -42,11 +46,10 @@ class Library:
                 raise ValueError(f"scenario[{i}].timing must be that of the batch, {self.timing}, got {sc.timing}")
             if _Layout.of(sc) != layout:
                 raise ValueError(
-                    f"scenario[{i}].rig must have the batch's degrees of freedom {layout.dofs}, "
-                    f"got {_Layout.of(sc).dofs}"
+                    f"scenario[{i}].rig must have the batch's degrees of freedom {layout}, got {_Layout.of(sc).dofs}"
                 )
         rig = self.scenarios[0].rig
-        self.dof = len(rig.dofs)
+        self.dof, self.magnet_count = len(rig.dofs), len(rig.magnets)
         self.nodes = max(sc.wire.segments for sc in self.scenarios) + 1
         self.first_node = self.nodes - 1 - np.array([sc.wire.segments for sc in self.scenarios])
         self.spare = int(self.first_node.max())
@@ -59,14 +62,14 @@ class Library:
         self.par = np.array([_lane_row(sc, first) for sc, first in zip(self.scenarios, first_rows, strict=True)])
         self.wire = np.array([_wire_rows(sc, self.nodes) for sc in self.scenarios])
         self.dofs = np.array([[_dof_row(d) for d in sc.rig.dofs] for sc in self.scenarios]).reshape(-1, self.dof, 3)
-        self.magnets = np.array([[_magnet_row(m) for m in sc.rig.magnets] for sc in self.scenarios])
+        self.magnets = np.array([_magnet_rows(sc) for sc in self.scenarios])
         self._collect_clouds()
 
     def _collect_clouds(self) -> None:
         kinds: dict[tuple, int] = {}
-        self.cloud_of = np.array(
-            [[kinds.setdefault((m.magnet, m.dipoles), len(kinds)) for m in sc.rig.magnets] for sc in self.scenarios]
-        )
+        none = (PointDipole(1.0), ("gauss", 1))  # what stands in a coil's place, and is not summed
+        mounts = [[(m.magnet, m.dipoles) for m in sc.rig.magnets] + [none] * len(sc.rig.coils) for sc in self.scenarios]
+        self.cloud_of = np.array([[kinds.setdefault(mount, len(kinds)) for mount in row] for row in mounts])
         clouds = []
         for magnet, rule in kinds:
             cloud = magnet.dipoles(*rule)
@@ -159,16 +162,17 @@ class LaneArrays:
         remanence: np.ndarray,
         placement: np.ndarray,
     ) -> None:
-        """Scale the parameters `take` gave `lanes`: factors (n,), and shifts of the magnets' centres (n, magnets, 3) m."""
+        """Scale what `take` gave `lanes` by factors (n,), and shift the magnets' centres, (n, magnets, 3) m."""
         block, lane = np.divmod(lanes, a1.LANES)
         self.par[block, a1.MU + lane] *= friction
         wire = self.wire.reshape(len(self.wire), -1, a1.WIRE_STRIDE // a1.LANES, a1.LANES)
         for field in (a1.K_AXIAL, a1.K_BEND, a1.K_END):
             wire[block, :, field // a1.LANES, lane] *= stiffness[:, None]
         magnets = self.magnets.reshape(len(self.magnets), -1, a1.MAGNET_STRIDE // a1.LANES, a1.LANES)
-        magnets[block, :, a1.STRENGTH // a1.LANES, lane] *= remanence[:, None]
+        count = self.library.magnet_count
+        magnets[block, :count, a1.STRENGTH // a1.LANES, lane] *= remanence[:, None]
         for axis in range(3):
-            magnets[block, :, a1.CX // a1.LANES + axis, lane] += placement[:, :, axis]
+            magnets[block, :count, a1.CX // a1.LANES + axis, lane] += placement[:, :, axis]
 
     def _stack_clouds(self, blocks: np.ndarray) -> None:
         """Blocks whose lanes have the same clouds share one table of sources, lane by lane."""
@@ -271,7 +275,7 @@ def _zeros(rows: int, columns: int) -> np.ndarray:
 
 def _slots(scenario: Scenario) -> np.ndarray:
     """The kernel's `rig` array: which command entry moves which slot of which magnet."""
-    rig = np.full((len(scenario.rig.magnets), a1.SLOTS), -1, dtype=np.int64)
+    rig = np.full((len(scenario.rig.magnets) + len(scenario.rig.coils), a1.SLOTS), -1, dtype=np.int64)
     number = 0
     for m, mount in enumerate(scenario.rig.magnets):
         turns = 0
@@ -282,6 +286,9 @@ def _slots(scenario: Scenario) -> np.ndarray:
             else:
                 rig[m, a1.TURN_SLOTS + "xyz".index(dof.axis)] = number
             number += 1
+    for c, coil in enumerate(scenario.rig.coils, start=len(scenario.rig.magnets)):
+        rig[c, a1.COIL_DOF], rig[c, a1.COIL_AXIS] = number, "xyz".index(coil.axis)
+        number += 1
     return rig
 
 
@@ -348,12 +355,14 @@ def _wire_rows(sc: Scenario, nodes: int) -> np.ndarray:
     return rows
 
 
-def _dof_row(dof: Turn | Slide) -> tuple[float, float, float]:
+def _dof_row(dof: Turn | Slide | Current) -> tuple[float, float, float]:
     """Speed, lowest, highest: a turn's range is the circle about home, and does not limit it."""
-    if isinstance(dof, Slide):
-        return dof.speed, dof.low, dof.high
-    return dof.speed, dof.home - np.pi, dof.home + np.pi
+    if isinstance(dof, Turn):
+        return dof.speed, dof.home - np.pi, dof.home + np.pi
+    return dof.speed, dof.low, dof.high
 
 
-def _magnet_row(mount) -> tuple[float, float, float, float]:
-    return *mount.position, MU0 / (4 * np.pi) * mount.magnet.moment
+def _magnet_rows(sc: Scenario) -> list[tuple[float, ...]]:
+    """Centre, strength and gradient of every magnet, then of every coil."""
+    magnets = [(*m.position, MU0 / (4 * np.pi) * m.magnet.moment, 0.0) for m in sc.rig.magnets]
+    return magnets + [(*c.position, c.uniform, c.gradient) for c in sc.rig.coils]

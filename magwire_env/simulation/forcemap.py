@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from ..scenario import Scenario, Slide
+from ..scenario import Scenario, Turn
 from . import algorithm1 as a1
 from .batch import LaneArrays, Library
 
@@ -79,7 +79,7 @@ def best_command(scenario: Scenario, arclengths: np.ndarray, direction: float = 
     low, high = command_range(scenario)
     n, dof = len(arclengths), len(low)
     per_axis = max(3, min(72, int(_GRID_POINTS ** (1 / dof))))
-    is_slide = [isinstance(d, Slide) for d in scenario.rig.dofs]
+    is_slide = [not isinstance(d, Turn) for d in scenario.rig.dofs]
     axes = [np.linspace(a, b, per_axis, endpoint=slide) for a, b, slide in zip(low, high, is_slide, strict=True)]
     grid = np.stack([g.ravel() for g in np.meshgrid(*axes, indexing="ij")], axis=1)
     best, force = np.empty((n, dof)), np.empty(n)
@@ -107,6 +107,6 @@ def best_command(scenario: Scenario, arclengths: np.ndarray, direction: float = 
 def command_range(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     """The command's range, (dof,) lowest and highest: home ± π for turns, the limits for slides."""
     dofs = scenario.rig.dofs
-    low = [d.low if isinstance(d, Slide) else d.home - np.pi for d in dofs]
-    high = [d.high if isinstance(d, Slide) else d.home + np.pi for d in dofs]
+    low = [d.home - np.pi if isinstance(d, Turn) else d.low for d in dofs]
+    high = [d.home + np.pi if isinstance(d, Turn) else d.high for d in dofs]
     return np.array(low), np.array(high)

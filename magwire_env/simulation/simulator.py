@@ -320,9 +320,10 @@ class Simulator:
     @property
     def magnet_positions(self) -> np.ndarray:
         """(n, magnets, 3) m, the magnets' centres."""
-        centres = self.library.magnets[self.lane_scenario, :, :3].copy()
+        count = self.library.magnet_count
+        centres = self.library.magnets[self.lane_scenario, :count, :3].copy()
         q = self.magnet
-        for m, slots in enumerate(self.library.rig):
+        for m, slots in enumerate(self.library.rig[:count]):
             for axis in range(3):
                 if slots[2 + axis] >= 0:
                     centres[:, m, axis] += q[:, slots[2 + axis]]
