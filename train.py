@@ -5,7 +5,8 @@
     python train.py --run runs/mine --resume         # go on where a run stopped
 
 Everything lands in one run folder: config.json, versions.json, checkpoints, the best model with its normalisation,
-learning_curve.png, results.json, TensorBoard logs. Read on from `main`; the parts it calls are in `agents/`.
+learning_curve.png, results.json, path.png, arclength.png, episode.mp4, TensorBoard logs. Read on from `main`; the
+parts it calls are in `agents/`.
 """
 
 from __future__ import annotations
@@ -57,6 +58,7 @@ def main(config: Config) -> dict[str, Any]:
     from agents.controllers import CONTROLLERS
     from agents.evaluation import evaluate, table
     from agents.learning import load
+    from agents.pictures import leave_in
     from agents.training import Run, learn, learning_curve
 
     run = Run.open(config)
@@ -80,6 +82,12 @@ def main(config: Config) -> dict[str, Any]:
     results = {row.policy: row.to_json() for row in rows}
     run.write("results.json", results)
     print(table(rows))
+
+    # 4. Pictures of what it does: plots, and a video where the extra that draws it is installed.
+    try:
+        leave_in(run.folder, "trained " + run.algorithm.upper(), run.task, **run.env_settings)
+    except gym.error.DependencyNotInstalled as missing:
+        print(f"no video: {missing}")
     return results
 
 

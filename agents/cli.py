@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 import train
+from agents import view_cli
 from train import BAD_INPUT
 
 __all__ = ["main"]
@@ -108,12 +109,14 @@ def figures(options: Figures) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run one subcommand; bad input ends with one line and status 1."""
-    commands = (
+    commands: Any = (
         Annotated[Train, tyro.conf.subcommand("train")]
         | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
         | Annotated[Validate, tyro.conf.subcommand("validate")]
         | Annotated[Figures, tyro.conf.subcommand("figures")]
     )
+    for command in view_cli.COMMANDS:
+        commands = commands | command
     options = tyro.cli(commands, prog="magwire", description=__doc__, args=arguments)  # type: ignore[call-overload]
     try:
         if isinstance(options, Evaluate):
@@ -122,6 +125,8 @@ def main(arguments: list[str] | None = None) -> None:
             validate(options)
         elif isinstance(options, Figures):
             figures(options)
+        elif type(options) in view_cli.LOOKS:
+            view_cli.look(options)
         else:
             train.main(options)
     except BAD_INPUT as error:

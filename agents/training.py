@@ -50,8 +50,7 @@ class Run:
         if config.resume:
             if config.run is None or not (Path(config.run) / "config.json").exists():
                 raise FileNotFoundError(f"--resume needs --run with a run's folder, got {config.run}")
-            stored = json.loads((Path(config.run) / "config.json").read_text(encoding="utf-8"))
-            return cls(Path(config.run), stored["config"], stored["hyperparameters"], resume=True)
+            return cls.at(Path(config.run))
         settings = hyperparameters(config.algorithm, config.task)
         settings["n_timesteps"] = config.timesteps or settings["n_timesteps"]
         settings["n_envs"] = config.n_envs or settings["n_envs"]
@@ -67,6 +66,12 @@ class Run:
         run.write("config.json", {"config": asked, "hyperparameters": settings})
         run.write("versions.json", _versions())
         return run
+
+    @classmethod
+    def at(cls, folder: Path) -> Run:
+        """The run that stands in `folder`."""
+        stored = json.loads((folder / "config.json").read_text(encoding="utf-8"))
+        return cls(folder, stored["config"], stored["hyperparameters"], resume=True)
 
     @property
     def task(self) -> str:
@@ -172,7 +177,7 @@ class Progress(BaseCallback):
         return max(scores, default=(-1.0, 0.0))
 
 
-def learning_curve(run: Run) -> None:
+def learning_curve(run: Run, folder: Path | None = None) -> None:
     """learning_curve.png: success rate and median time to goal on held-out episodes, over environment steps."""
     rows = _read_curve(run.folder / "learning_curve.csv")
     if not rows:
@@ -191,7 +196,7 @@ def learning_curve(run: Run) -> None:
     bottom.set(ylabel="median time to goal [s]", xlabel="environment steps [millions]")
     for axes in (top, bottom):
         axes.grid(alpha=0.3)
-    figure.savefig(run.folder / "learning_curve.png", dpi=120)
+    figure.savefig((folder or run.folder) / "learning_curve.png", dpi=120)
     plt.close(figure)
 
 
