@@ -50,8 +50,9 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Reward
     ``reward/progress`` 10 × the share of the way covered, ``reward/success`` 10 on reaching the goal, ``reward/time``
-    −0.1 a step, ``reward/wall`` −0.5 × newtons of wall force above the scenario's limit; every term is in `info`, the
-    weights are arguments (`reward=RewardWeights(…)`). `reward="sparse"` is 1 on success and 0 otherwise.
+    −0.1 a step (an end without success before the time limit pays for the steps that were left too), ``reward/wall``
+    −0.5 × newtons of wall force above the scenario's limit; every term is in `info`, the weights are arguments
+    (`reward=RewardWeights(…)`). `reward="sparse"` is 1 on success and 0 otherwise.
 
     ## Starting State
     Tip at the wire's length ± 20 mm (0.10 m in the paper's scenario), magnet angle uniform over the circle, at rest.

@@ -123,6 +123,8 @@ def judge(n, kind, out, trace, step_limit, period, tolerance, hold, safe, weight
         terminated = where(load(trace[last], lane) < 0.0, 1.0, success if kind != TRACK else 0.0 * success)
         terminated = where(safe * cost > 0.0, 1.0, terminated)
         success = where(safe * cost > 0.0, 0.0, success)
+        # Who leaves early without success pays for the time that was left: else giving up would beat a slow way.
+        for_time = where(terminated > success, for_time - weights[2] * (step_limit - steps), for_time)
         for_success = weights[0] * success
         for_progress = weights[1] * (load(lanes[DISTANCE], lane) - left) / start
         for_wall = -weights[3] * cost

@@ -22,7 +22,8 @@ class RewardWeights:
     progress : for the whole way from the start to the goal, paid as it is covered (potential-based); in a tracking
         task for each tolerance by which the distance shrinks
     success : once, on reaching the goal
-    time : cost of each control step; in a tracking task of each step and tolerance of distance
+    time : cost of each control step; in a tracking task of each step and tolerance of distance. An end without success
+        before the time limit pays for the steps that were left too, so that giving up never pays
     wall : cost of each control step for each newton of wall force above the scenario's limit
     """
 
