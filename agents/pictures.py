@@ -17,11 +17,11 @@ import numpy as np
 import magwire_env  # noqa: F401  (registers the ids)
 from agents.controllers import CONTROLLERS
 from agents.evaluation import EVALUATION_SEED
+from magwire_env.render.dofs import dofs_of
 from magwire_env.render.extra import need
 from magwire_env.render.paint import DRIVE, NORTH, SOUTH, TARGET, load_colour
-from magwire_env.render.panels import drive_name, map_limit, map_of
+from magwire_env.render.panels import drive_name, map_limit, map_name, map_of
 from magwire_env.render.snapshot import Snapshot, snapshots
-from magwire_env.rig import Turn
 
 __all__ = ["Trace", "chosen", "film", "leave_in", "plots", "trace"]
 
@@ -197,9 +197,8 @@ def _path_plot(traces: list[Trace], data: tuple, task: str, path: Path) -> Path:
     from matplotlib.colors import LinearSegmentedColormap
 
     commands, places, values = data
-    dof = traces[0].moments[0].scenario.rig.dofs[0]
-    turn = isinstance(dof, Turn)
-    factor = float(np.degrees(1.0)) if turn else 1e3
+    dof = dofs_of(traces[0].moments[0].scenario)[0]
+    factor = dof.factor
     limit = 1e3 * map_limit(values)
     colours = LinearSegmentedColormap.from_list("drive", [_hex(SOUTH), "#ffffff", _hex(NORTH)])
     figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
@@ -208,21 +207,20 @@ def _path_plot(traces: list[Trace], data: tuple, task: str, path: Path) -> Path:
     )
     axes.contour(1e3 * places, factor * commands, values, levels=[0.0], colors="0.5", linewidths=0.7)
     for one, (line, colour) in zip(traces, _STYLES, strict=False):
-        command = one.of("magnet")[:, 0]
-        if turn:
-            command = commands[0] + (command - commands[0]) % (2 * np.pi)
+        command = dof.wrapped(one.of("magnet")[:, 0])
+        if dof.turn:
             # A way across the seam is drawn in two pieces.
             command[1:][np.abs(np.diff(command)) > np.pi] = np.nan
         axes.plot(1e3 * one.of("tip_arclength"), factor * command, line, color=colour, lw=1.6, label=one.name)
     axes.axvline(1e3 * traces[0].moments[0].goal, color=_hex(TARGET), lw=2, label="target")
     axes.set(
         xlabel="tip arc length [mm]",
-        ylabel="magnet angle θ [°]" if turn else "magnet offset [mm]",
+        ylabel=map_name(dof),
         title=f"{task}: the way over the force map",
         xlim=(0, 1e3 * places[-1]),
         ylim=(factor * commands[0], factor * commands[-1]),
     )
-    if turn:
+    if dof.turn:
         axes.set_yticks(np.linspace(factor * commands[0], factor * commands[-1], 5))
     figure.legend(loc="outside lower center", ncols=len(traces) + 1)
     figure.colorbar(mesh, label=f"{drive_name(traces[0].moments[0].scenario)} force [mN]")

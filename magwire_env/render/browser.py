@@ -11,10 +11,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from ..rig import Slide
 from ..scenario import Scenario
 from .browser_scene import Scene3D
 from .controls import HAND, Controls
+from .dofs import dofs_of
 from .extra import need
 from .panels import History
 from .snapshot import blend, snapshots
@@ -102,7 +102,7 @@ class Page:
 
     def _build(self, scenario: Scenario) -> None:
         """The scene and the magnet's controls for a scenario."""
-        self.scenario = scenario
+        self.scenario, self.dofs = scenario, dofs_of(scenario)
         self.server.scene.reset()
         self.scene = Scene3D(self.server, scenario)
         self.scene.show_lines(self.controls.lines.value)
@@ -134,15 +134,10 @@ class Page:
         self.playing, self._clock = on, 0.0
 
     def hold(self, dof: int, value: float) -> None:
-        """The hand turns or moves the magnet: one degree of freedom to `value`, rad or m."""
+        """The hand turns or moves the magnet: one degree of freedom to `value`, rad, m or A."""
         if self.policy_name != HAND:
             self.choose_policy(HAND)
-        part = self.now.scenario.rig.dofs[dof]
-        if isinstance(part, Slide):
-            self.command[dof] = np.clip(value, part.low, part.high)
-        else:
-            gap = value - self.command[dof]
-            self.command[dof] += gap - 2 * np.pi * np.floor(gap / (2 * np.pi) + 0.5)
+        self.command[dof] = self.dofs[dof].towards(self.command[dof], value)
 
     def hold_all(self, values: Mapping[int, float]) -> None:
         """`hold` several degrees of freedom."""

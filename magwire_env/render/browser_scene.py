@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..physics.dipoles import field
 from ..scenario import Scenario
 from . import meshes, paint
 from .meshes import quaternion
@@ -93,23 +94,21 @@ class Scene3D:
                     f"/magnet{i}/{name}", *meshes.prism(corners), color=colour, flat_shading=True, side="double"
                 )
             self._magnets.append(frame)
-        # A single magnet carries its lines with it; those of several are of the sum, and drawn anew as they turn.
-        self._lone = len(rig.magnets) == 1
-        reach = max(rig.magnets[0].magnet.reach, 8e-3)
+        # A lone magnet carries its lines with it; those of several sources are of the sum, drawn anew as they change.
+        self._lone = len(rig.magnets) == 1 and not rig.coils
+        reach = max([8e-3, *(m.magnet.reach for m in rig.magnets)])
         self._line_step, self._line_extent = reach / 8, 4 * reach
+        segments, size = np.zeros((1, 2, 3)), np.ones(1)
         if self._lone:
+            cloud = self._clouds[0]
             segments, size = meshes.field_lines(
-                self._clouds, meshes.seeds(rig.magnets[0].magnet), self._line_step, self._line_extent
-            )
-        else:
-            segments, size = np.zeros((1, 2, 3)), np.ones(1)
+                lambda points: field(cloud, points), cloud.positions, meshes.seeds(rig.magnets[0].magnet),
+                self._line_step, self._line_extent,
+            )  # fmt: skip
         self._lines = scene.add_line_segments(
-            "/magnet0/field" if self._lone else "/field",
-            segments,
-            _line_colours(size),
-            thickness=1.2,
+            "/magnet0/field" if self._lone else "/field", segments, _line_colours(size), thickness=1.2,
             thickness_units="screen",
-        )
+        )  # fmt: skip
         self._lines_at: np.ndarray | None = None
 
     def show_lines(self, visible: bool) -> None:
@@ -139,20 +138,27 @@ class Scene3D:
 
     def update_lines(self, now: Snapshot) -> None:
         """The field lines of several magnets, anew if a magnet has moved; call it a few times a second."""
-        if self._lone or not self._lines.visible:
+        rig = self.scenario.rig
+        if self._lone or not rig.magnets or not self._lines.visible:
             return
         if self._lines_at is not None and np.allclose(self._lines_at, now.magnet, atol=1e-4):
             return
         self._lines_at = now.magnet.copy()
         turns, places = magnet_rotations(self.scenario, now.magnet), now.magnet_positions
         clouds = [c.moved(r, p) for c, r, p in zip(self._clouds, turns, places, strict=True)]
+        currents = now.magnet[len(now.magnet) - len(rig.coils) :]
+
+        def flux(points: np.ndarray) -> np.ndarray:
+            total = np.sum([field(cloud, points) for cloud in clouds], axis=0)
+            return total + sum(coil.field(points, i) for coil, i in zip(rig.coils, currents, strict=True))
+
         starts = [
-            meshes.seeds(m.magnet, (0.3, 0.8), 6) @ r.T + p
-            for m, r, p in zip(self.scenario.rig.magnets, turns, places, strict=True)
+            meshes.seeds(m.magnet, (0.3, 0.8), 6) @ r.T + p for m, r, p in zip(rig.magnets, turns, places, strict=True)
         ]
         segments, size = meshes.field_lines(
-            clouds, np.concatenate(starts), 1.6 * self._line_step, self._line_extent, 50
-        )
+            flux, np.concatenate([c.positions for c in clouds]), np.concatenate(starts), 1.6 * self._line_step,
+            self._line_extent, 50,
+        )  # fmt: skip
         self._lines.points, self._lines.colors = segments.astype(np.float32), _line_colours(size)
 
 
@@ -199,7 +205,7 @@ class Board:
 
     def update(self, now: Snapshot) -> None:
         """Move the present point and the target's line."""
-        self._point.position = self.world(now.tip_arclength, float(self.map.wrapped(now.magnet[0])))
+        self._point.position = self.world(now.tip_arclength, float(self.map.dof.wrapped(now.magnet[0])))
         low, high = (self.world(now.goal, end) for end in self.map.axes.y)
         self._line.position = (low + high) / 2
         self._line.scale = (1.0, 1.0, float(np.linalg.norm(high - low)))

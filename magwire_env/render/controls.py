@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..rig import Slide, Turn
 from ..scenario import Scenario
 from . import paint
+from .dofs import Dof, number
 from .meshes import quaternion
 from .panels import drive_name
-from .snapshot import Snapshot, axis_rotation, number
+from .snapshot import Snapshot, axis_rotation
 
 if TYPE_CHECKING:
     from .browser import Page
@@ -84,75 +84,57 @@ class Controls:
         for slider in self.sliders:
             slider.remove()
         self.sliders, self.handles = [], []
-        gui = self.page.server.gui
-        several = len(scenario.rig.magnets) > 1
-        dof = 0
+        gui, dofs = self.page.server.gui, self.page.dofs
+        for i, dof in enumerate(dofs):
+            low, high = (round(dof.factor * end, 6) for end in (dof.low, dof.high))
+            step = 0.1 if dof.unit == "A" else 1.0
+            with self._magnet_folder:
+                value = float(np.clip(self._shown(dof, magnet[i]), low, high))
+                slider = gui.add_slider(f"{dof.name} [{dof.unit}]", min=low, max=high, step=step, initial_value=value)
+            self._on(slider, lambda i=i, dof=dof, slider=slider: self.page.hold(i, slider.value / dof.factor))
+            self.sliders.append(slider)
+            if dof.turn and dof.magnet is not None:
+                self._turn_handle(i, dof, dof.magnet, scenario.rig.magnets[dof.magnet])
         for m, mount in enumerate(scenario.rig.magnets):
-            slides = []
-            for part in mount.dofs:
-                which = f" {m + 1}" if several else ""
-                with self._magnet_folder:
-                    if isinstance(part, Slide):
-                        low, high, name = 1e3 * part.low, 1e3 * part.high, f"Offset {part.axis}{which} [mm]"
-                        slides.append(dof)
-                    else:
-                        home = round(np.degrees(part.home))
-                        low, high, name = home - 180, home + 180, f"Angle {part.axis}{which} [°]"
-                    value = float(np.clip(self._shown(part, magnet[dof]), low, high))
-                    slider = gui.add_slider(name, min=low, max=high, step=1.0, initial_value=value)
-                self._on(slider, lambda dof=dof, part=part, slider=slider: self._slid(dof, part, slider.value))
-                self.sliders.append(slider)
-                if isinstance(part, Turn):
-                    self._turn_handle(m, dof, part, mount)
-                dof += 1
+            slides = {dof.axis: i for i, dof in enumerate(dofs) if dof.magnet == m and not dof.turn}
             if slides:
                 self._slide_handle(m, slides, mount)
 
-    def _slid(self, dof: int, part: Turn | Slide, value: float) -> None:
-        self.page.hold(dof, 1e-3 * value if isinstance(part, Slide) else float(np.radians(value)))
-
     @staticmethod
-    def _shown(part: Turn | Slide, value: float) -> float:
-        """A degree of freedom as its slider shows it: mm, or degrees within half a turn of home."""
-        if isinstance(part, Slide):
-            return 1e3 * value
-        home = np.degrees(part.home)
-        return float(home + (np.degrees(value) - home + 180) % 360 - 180)
+    def _shown(dof: Dof, value: float) -> float:
+        """A command as its slider shows it: in its unit, to the slider's step."""
+        return round(dof.factor * float(dof.wrapped(value)), 1 if dof.unit == "A" else 0)
 
-    def _turn_handle(self, m: int, dof: int, part: Turn, mount: Any) -> None:
+    def _turn_handle(self, i: int, dof: Dof, m: int, mount: Any) -> None:
         """A ring about the magnet to drag round. A handle has a ring only in the plane of two active axes."""
-        axis = "xyz".index(part.axis)
-        active = tuple(i != axis for i in range(3))
+        active = tuple(axis != dof.axis for axis in range(3))
         handle = self.page.server.scene.add_transform_controls(
-            f"/turn{dof}", scale=2.1 * mount.magnet.reach + 0.01, active_axes=active, disable_axes=True,
+            f"/turn{i}", scale=2.1 * mount.magnet.reach + 0.01, active_axes=active, disable_axes=True,
             disable_sliders=True, depth_test=False, line_width=4.0,
         )  # fmt: skip
 
         def dragged(event: Any) -> None:
             if event.client_id is not None:
                 w, *v = handle.wxyz
-                angle = 2 * float(np.arctan2(v[axis], w))
-                self.page.requests.put(lambda: self.page.hold(dof, angle))
+                angle = 2 * float(np.arctan2(v[dof.axis], w))
+                self.page.requests.put(lambda: self.page.hold(i, angle))
 
         handle.on_update(dragged)
-        self.handles.append((handle, [m, dof, axis]))
+        self.handles.append((handle, [m, i, dof.axis]))
 
-    def _slide_handle(self, m: int, slides: list[int], mount: Any) -> None:
-        """Arrows along the axes a magnet can slide on."""
-        own = [self.page.now.scenario.rig.dofs[d] for d in slides]
-        parts = {"xyz".index(part.axis): (d, part) for d, part in zip(slides, own, strict=True)}
+    def _slide_handle(self, m: int, slides: dict[int, int], mount: Any) -> None:
+        """Arrows along the axes a magnet can slide on; slides : axis → number of the degree of freedom."""
         limits = [(-1e3, 1e3)] * 3
-        for i, (_, part) in parts.items():
-            if isinstance(part, Slide):
-                limits[i] = mount.position[i] + part.low, mount.position[i] + part.high
+        for axis, i in slides.items():
+            limits[axis] = mount.position[axis] + self.page.dofs[i].low, mount.position[axis] + self.page.dofs[i].high
         handle = self.page.server.scene.add_transform_controls(
-            f"/slide{m}", scale=1.5 * mount.magnet.reach + 0.01, active_axes=tuple(i in parts for i in range(3)),
+            f"/slide{m}", scale=1.5 * mount.magnet.reach + 0.01, active_axes=tuple(axis in slides for axis in range(3)),
             disable_rotations=True, translation_limits=tuple(limits), depth_test=False, line_width=4.0,
         )  # fmt: skip
 
         def dragged(event: Any) -> None:
             if event.client_id is not None:
-                offsets = {d: float(handle.position[i] - mount.position[i]) for i, (d, _) in parts.items()}
+                offsets = {i: float(handle.position[axis] - mount.position[axis]) for axis, i in slides.items()}
                 self.page.requests.put(lambda: self.page.hold_all(offsets))
 
         handle.on_update(dragged)
@@ -164,15 +146,15 @@ class Controls:
         """Bring sliders and handles to the magnet while a policy moves it; the hand's stay where it put them."""
         held = self.page.policy_name == HAND
         where = command if held else now.magnet
-        for part, slider, value in zip(self.page.now.scenario.rig.dofs, self.sliders, where, strict=True):
-            shown = round(self._shown(part, value))
-            if abs(shown - slider.value) >= 1:
+        for dof, slider, value in zip(self.page.dofs, self.sliders, where, strict=True):
+            shown = self._shown(dof, value)
+            if abs(shown - slider.value) > 1e-6 and not (dof.turn and abs(shown - slider.value) == 360):
                 slider.value = float(np.clip(shown, slider.min, slider.max))
         for handle, (m, *turn) in self.handles:
             handle.position = now.magnet_positions[m]
             if turn:
-                dof, axis = turn
-                handle.wxyz = quaternion(axis_rotation("xyz"[axis], float(where[dof])))
+                i, axis = turn
+                handle.wxyz = quaternion(axis_rotation("xyz"[axis], float(where[i])))
         label = "Pause" if self.page.playing else "Play"
         if self.go.label != label:
             self.go.label = label

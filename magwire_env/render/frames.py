@@ -10,9 +10,10 @@ import numpy as np
 from ..envs.core import SteeringCore
 from ..scenario import Scenario
 from . import paint
+from .dofs import dofs_of, number
 from .paint import Brush
 from .panels import ForceMap, History, Strips, drive_name, map_of, strip_limit
-from .snapshot import Snapshot, dof_texts, number, snapshots
+from .snapshot import Snapshot, snapshots
 from .views import Views
 
 __all__ = ["Frames", "Picture", "Window"]
@@ -35,7 +36,7 @@ class Picture:
             raise ValueError(f"size must be 4 : 3 and at least 320 × 240 pixels, got {width} × {height}")
         self.brush = Brush(height / 480)
         k, rect = self.brush.scale, self.brush.pygame.Rect
-        self.scenario = scenario
+        self.scenario, self._dofs = scenario, dofs_of(scenario)
         self.surface = self.brush.surface(size, paint.PAPER)
         self.views = Views(
             self.brush,
@@ -121,7 +122,7 @@ class Picture:
             brush.text(self.surface, words, (x * k, 5 * k), 12)
         brush.text(self.surface, note, (632 * k, 5 * k), 12, paint.INK, "right")
         rect = self.views.frames[1]
-        words = "   ".join(dof_texts(self.scenario, now.magnet))
+        words = "   ".join(dof.text(value) for dof, value in zip(self._dofs, now.magnet, strict=True))
         brush.text(self.surface, words, (rect.right - 6 * k, rect.y + 4), 12, paint.INK, "right")
 
 

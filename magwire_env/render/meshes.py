@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 
 import numpy as np
 
-from ..physics.dipoles import DipoleCloud, field
 from ..physics.magnets import Magnet
 from .snapshot import body_halves
 
@@ -100,22 +99,28 @@ def seeds(magnet: Magnet, rings: tuple[float, ...] = (0.25, 0.55, 0.85), spokes:
 
 
 def field_lines(
-    clouds: Sequence[DipoleCloud], starts: np.ndarray, step: float, extent: float, steps: int = 90
+    flux: Callable[[np.ndarray], np.ndarray],
+    sources: np.ndarray,
+    starts: np.ndarray,
+    step: float,
+    extent: float,
+    steps: int = 90,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lines of the flux density from `starts` (n, 3) m on, in steps of `step` m, up to `extent` m from their middle.
 
-    Returns segments (k, 2, 3) m and the flux density at their starts (k,) T. A line ends where it comes near a dipole.
+    flux : points (n, 3) m → (n, 3) T; sources : (k, 3) m, dipoles near which a line ends
+
+    Returns segments (k, 2, 3) m and the flux density at their starts (k,) T.
     """
     middle = starts.mean(axis=0)
     here, alive = starts.copy(), np.ones(len(starts), dtype=np.bool_)
     segments, strengths = [], []
 
     def way(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        b = np.sum([field(cloud, points) for cloud in clouds], axis=0)
+        b = flux(points)
         size = np.linalg.norm(b, axis=1)
         return b / size[:, None], size
 
-    dipoles = np.concatenate([cloud.positions for cloud in clouds])
     for _ in range(steps):
         points = here[alive]
         if not len(points):
@@ -125,6 +130,6 @@ def field_lines(
         segments.append(np.stack([points, there], axis=1))
         strengths.append(size)
         here[alive] = there
-        gap = np.linalg.norm(here[:, None] - dipoles, axis=2).min(axis=1)
+        gap = np.linalg.norm(here[:, None] - sources, axis=2).min(axis=1)
         alive &= (np.linalg.norm(here - middle, axis=1) < extent) & (gap > 1.5 * step)
     return np.concatenate(segments), np.concatenate(strengths)

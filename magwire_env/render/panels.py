@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from ..rig import Turn
 from ..scenario import Scenario
-from ..simulation.forcemap import command_range, force_map
+from ..simulation.forcemap import force_map
 from . import paint
+from .dofs import Dof, dofs_of, number
 from .paint import Brush
-from .snapshot import Snapshot, force_scale, number
+from .snapshot import Snapshot, force_scale
 
-__all__ = ["ForceMap", "History", "Strips", "drive_name", "map_of", "strip_limit"]
+__all__ = ["ForceMap", "History", "Strips", "drive_name", "map_limit", "map_name", "map_of", "strip_limit"]
 
 _SPANS = (10.0, 20.0, 30.0, 60.0, 120.0, 300.0)
 """s, lengths of the time axis."""
@@ -141,8 +141,8 @@ def map_of(scenario: Scenario, across: int = 161, up: int = 121) -> tuple[np.nda
     """Commands (up,), arc lengths (across,) and the force map (up, across) N; None for a rig of several freedoms."""
     if len(scenario.rig.dofs) != 1:
         return None
-    low, high = command_range(scenario)
-    commands = np.linspace(low[0], high[0], up)
+    dof = dofs_of(scenario)[0]
+    commands = np.linspace(dof.low, dof.high, up)
     places = np.linspace(0.0, scenario.tract.length, across)
     return commands, places, force_map(scenario, commands, places)
 
@@ -153,7 +153,7 @@ class ForceMap:
     def __init__(self, brush: Brush, scenario: Scenario, rect: Any, data: tuple) -> None:
         self.brush, self.rect = brush, rect
         commands, places, values = data
-        self.turn = isinstance(scenario.rig.dofs[0], Turn)
+        self.dof = dofs_of(scenario)[0]
         self.limit = map_limit(values)
         self.axes = Axes(
             _plot_rect(brush, brush.pygame.Rect((0, 0), rect.size), 34, 15, 27),
@@ -168,12 +168,10 @@ class ForceMap:
         picture = paint.diverging(values[::-1], self.limit)
         small = brush.pygame.surfarray.make_surface(picture.swapaxes(0, 1))
         surface.blit(brush.pygame.transform.smoothscale(small, box.size), box)
-        factor, unit = (np.degrees(1.0), "°") if self.turn else (1e3, "mm")
         ticks = np.linspace(commands[0], commands[-1], 5)
         along = round_ticks(float(places[-1]))
-        self.axes.ticks(brush, surface, along, list(ticks), "", True, 1e3, float(factor), grid=False)
-        name = "magnet angle θ [°]" if self.turn else f"magnet offset [{unit}]"
-        brush.text(surface, f"{name} over tip arc length [mm]", (box.left, 1), 11, paint.INK)
+        self.axes.ticks(brush, surface, along, list(ticks), "", True, 1e3, self.dof.factor, grid=False)
+        brush.text(surface, f"{map_name(self.dof)} over tip arc length [mm]", (box.left, 1), 11, paint.INK)
         # The colours' meaning, in a row under the axis.
         y, width = box.bottom + 15 * k, round(60 * k)
         bar = paint.diverging(np.linspace(-1, 1, width), 1.0)[:, None].repeat(max(1, round(8 * k)), axis=1)
@@ -185,11 +183,6 @@ class ForceMap:
     def background(self, canvas: Any) -> None:
         """The map alone, with its axes, on a surface of its own size."""
         canvas.blit(self._background, (0, 0))
-
-    def wrapped(self, command: np.ndarray) -> np.ndarray:
-        """Commands brought into the map's range: turns by whole circles."""
-        low = self.axes.y[0]
-        return low + (np.asarray(command) - low) % (2 * np.pi) if self.turn else np.asarray(command)
 
     def place(self, at: tuple[float, float]) -> tuple[float, float] | None:
         """Arc length and command under a pixel of the frame; None outside the map."""
@@ -206,13 +199,13 @@ class ForceMap:
         self.background(canvas)
         top, bottom = self.axes.px(now.goal, np.array(self.axes.y))
         pygame.draw.line(canvas, paint.TARGET, top, bottom, max(2, round(2 * k)))
-        path = self.wrapped(np.array(past.command))
+        path = self.dof.wrapped(np.array(past.command))
         points = self.axes.px(np.array(past.arclength), path)
-        seams = np.abs(np.diff(path)) > (np.pi if self.turn else np.inf)
+        seams = np.abs(np.diff(path)) > (np.pi if self.dof.turn else np.inf)
         for piece in np.split(points, np.flatnonzero(seams) + 1):
             if len(piece) > 1:
                 pygame.draw.lines(canvas, paint.INK, False, piece, max(1, round(1.5 * k)))
-        here = self.axes.px(now.tip_arclength, self.wrapped(now.magnet[0]))
+        here = self.axes.px(now.tip_arclength, self.dof.wrapped(now.magnet[0]))
         pygame.draw.circle(canvas, paint.PAPER, here, 5 * k)
         pygame.draw.circle(canvas, paint.TIP, here, 3.5 * k)
 
@@ -221,6 +214,12 @@ def round_ticks(end: float) -> list[float]:
     """Three to six round numbers from 0 up to `end`."""
     step = paint.nice(end / 4.9)
     return [i * step for i in range(int(end / step * (1 + 1e-9)) + 1)]
+
+
+def map_name(dof: Dof) -> str:
+    """What the force map's upright axis is called."""
+    words = {"°": "magnet angle θ", "mm": "magnet offset", "A": "current"}
+    return f"{words[dof.unit]} [{dof.unit}]"
 
 
 def map_limit(values: np.ndarray) -> float:

@@ -8,11 +8,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from ..rig import Slide, Turn
-from ..simulation.forcemap import command_range
+from .dofs import dofs_of, number
 from .extra import need
 from .frames import Frames, Window
-from .snapshot import Snapshot, blend, number, snapshots
+from .snapshot import Snapshot, blend, snapshots
 
 __all__ = ["Game", "play"]
 
@@ -46,9 +45,7 @@ class Game:
         self.env.reset(seed=self.seed)
         self.now = self.before = snapshots(self.core)[0]
         self.scenario = self.now.scenario
-        self.low, self.high = command_range(self.scenario)
-        self.slides = np.array([isinstance(d, Slide) for d in self.scenario.rig.dofs])
-        self.speed = np.array([d.speed for d in self.scenario.rig.dofs])
+        self.dofs = dofs_of(self.scenario)
         self.command = self.now.magnet.copy()
         self.score, self.summary, self.success = 0.0, None, False
         self.to_beat = self.reference(self.seed) if self.reference else None
@@ -59,17 +56,13 @@ class Game:
         return self.summary is not None
 
     def hold(self, dof: int, value: float) -> None:
-        """Command one degree of freedom: a turn to an angle (rad), the short way round, a slide to a place (m)."""
-        if self.slides[dof]:
-            value = float(np.clip(value, self.low[dof], self.high[dof]))
-        else:
-            value = self.command[dof] + (value - self.command[dof] + np.pi) % (2 * np.pi) - np.pi
-        self.command[dof] = value
+        """Command one degree of freedom: a turn to an angle (rad), the short way round; others as far as they go."""
+        self.command[dof] = self.dofs[dof].towards(self.command[dof], value)
 
     def nudge(self, dof: int, way: float, seconds: float) -> None:
         """Move one command at the servo's own speed, `way` ±1."""
         if dof < len(self.command):
-            self.hold(dof, self.command[dof] + way * self.speed[dof] * seconds)
+            self.hold(dof, self.command[dof] + way * self.dofs[dof].speed * seconds)
 
     def step(self) -> None:
         """One control period."""
@@ -106,21 +99,20 @@ class Game:
                 self._follow(view, np.array(at))
 
     def _follow(self, view: Any, at: np.ndarray) -> None:
+        if not len(self.now.magnet_positions):
+            return
         # The magnet nearest to the mouse is meant.
         gaps = at - view.px(self.now.magnet_positions)
         nearest = int(np.hypot(*gaps.T).argmin())
         across, up = gaps[nearest] * (1, -1) / view.scale
-        dof = 0
-        for m, mount in enumerate(self.scenario.rig.magnets):
-            for part in mount.dofs:
-                axis = "xyz".index(part.axis)
-                if m == nearest:
-                    if isinstance(part, Turn) and axis == view.depth:
-                        # About y the pole goes to (sin θ, 0, cos θ); about z the plan's angle is counted from x.
-                        self.hold(dof, float(np.arctan2(across, up) if axis == 1 else np.arctan2(up, across)))
-                    elif isinstance(part, Slide) and axis in (view.across, view.up):
-                        self.hold(dof, float(self.now.magnet[dof] + (across if axis == view.across else up)))
-                dof += 1
+        for i, dof in enumerate(self.dofs):
+            if dof.magnet != nearest:
+                continue
+            if dof.turn and dof.axis == view.depth:
+                # About y the pole goes to (sin θ, 0, cos θ); about z the plan's angle is counted from x.
+                self.hold(i, float(np.arctan2(across, up) if dof.axis == 1 else np.arctan2(up, across)))
+            elif not dof.turn and dof.axis in (view.across, view.up):
+                self.hold(i, float(self.now.magnet[i] + (across if dof.axis == view.across else up)))
 
 
 def play(game: Game, frames_limit: int | None = None) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..envs.core import SteeringCore
 from ..physics.magnets import BlockMagnet, CylinderMagnet, Magnet
-from ..rig import Slide, Turn
+from ..rig import Turn
 from ..scenario import Scenario
 
 __all__ = [
@@ -18,10 +18,8 @@ __all__ = [
     "axis_rotation",
     "blend",
     "body_halves",
-    "dof_texts",
     "force_scale",
     "magnet_rotations",
-    "number",
     "snapshots",
 ]
 
@@ -131,29 +129,16 @@ def body_halves(magnet: Magnet) -> tuple[np.ndarray, np.ndarray]:
 
 
 def force_scale(scenario: Scenario) -> float:
-    """The order of the force on the tip, N: two dipoles in line at the rig's smallest distance from the tract."""
-    course = scenario.tract.position(np.linspace(0.0, scenario.tract.length, 200))
-    return max(6e-7 * m.magnet.moment * scenario.tip.moment / m.distance_to(course) ** 4 for m in scenario.rig.magnets)
+    """The order of the force on the tip, N.
 
-
-def dof_texts(scenario: Scenario, magnet: np.ndarray) -> list[str]:
-    """Each degree of freedom in words, such as "θ 187°" or "x −12 mm"; numbered where there are several magnets."""
-    texts, at = [], 0
-    several = len(scenario.rig.magnets) > 1
-    lone = sum(isinstance(d, Turn) for d in scenario.rig.dofs) == 1
-    for m, mount in enumerate(scenario.rig.magnets):
-        for dof in mount.dofs:
-            which = str(m + 1) if several else ""
-            if isinstance(dof, Slide):
-                texts.append(f"{dof.axis}{which} {number(1e3 * magnet[at])} mm")
-            else:
-                name = "θ" if lone else f"θ{dof.axis}{which}"
-                texts.append(f"{name} {round(np.degrees(magnet[at])) % 360}°")
-            at += 1
-    return texts
-
-
-def number(value: float, digits: int = 0) -> str:
-    """A number with a true minus sign, and no minus before zero."""
-    text = f"{value:.{digits}f}"
-    return text.replace("-", "−") if float(text) else text.lstrip("-")
+    Of a magnet: two dipoles in line at the rig's smallest distance from the tract. Of a coil: its gradient at its
+    largest current, and its uniform field in the tract's sharpest bend.
+    """
+    tract, moment = scenario.tract, scenario.tip.moment
+    places = np.linspace(0.0, tract.length, 200)
+    course, bend = tract.position(places), float(tract.curvature(places).max())
+    sizes = [6e-7 * m.magnet.moment * moment / m.distance_to(course) ** 4 for m in scenario.rig.magnets]
+    for coil in scenario.rig.coils:
+        current = max(abs(coil.current.low), abs(coil.current.high))
+        sizes.append(current * moment * (abs(coil.gradient) + abs(coil.uniform) * bend))
+    return max(sizes)
