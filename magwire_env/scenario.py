@@ -117,7 +117,8 @@ class Scenario:
             )
         if self.wire.length >= self.tract.length:
             raise ValueError(
-                f"Scenario.wire.length must be less than the tract's {self.tract.length:.4g} m, got {self.wire.length:g} m"
+                f"Scenario.wire.length must be less than the tract's {self.tract.length:.4g} m, "
+                f"got {self.wire.length:g} m"
             )
         centreline = self.tract.position(np.linspace(0.0, self.tract.length, 4 * len(self.tract.table)))
         magnets = []
@@ -161,7 +162,7 @@ class Scenario:
         )
 
     def replace(self, **changes: Any) -> Scenario:
-        """A copy with some fields changed; fields of parts by double underscore: ``sc.replace(contact__friction=0.1)``."""
+        """A copy with some fields changed, those of parts by two underscores: ``sc.replace(contact__friction=0.1)``."""
         nested: dict[str, dict[str, Any]] = {}
         flat: dict[str, Any] = {}
         for key, value in changes.items():
@@ -193,7 +194,7 @@ class Scenario:
     def load(cls, path: str | Path) -> Scenario:
         """Read a scenario from a TOML file, or a shipped one by name (``Scenario.load("paper")``).
 
-        Raises `ValueError` naming an unknown, missing or impossible entry, `FileNotFoundError` if there is no such file.
+        Raises `ValueError` naming an unknown, missing or impossible entry, `FileNotFoundError` if there is no file.
         """
         file = Path(path)
         if not file.suffix and not file.exists():
@@ -278,7 +279,7 @@ def _built(kind: type, tree: Any, where: str) -> Any:
         wanted = hints[name]
         if wanted in (bool, str) and not isinstance(value, wanted):
             raise ValueError(
-                f"{where}.{name} must be a {'true or false' if wanted is bool else 'string'}, got {value!r}"
+                f"{where}.{name} must be {'true or false' if wanted is bool else 'a string'}, got {value!r}"
             )
     values = {name: _from_toml(hints[name], value, f"{where}.{name}") for name, value in tree.items()}
     try:
