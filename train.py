@@ -74,9 +74,7 @@ def main(config: Config) -> dict[str, Any]:
     # 2. Evaluate the best model beside the paper's own policy and two floors, all on the same episodes.
     policies = {"trained " + run.algorithm.upper(): load(run.folder)}
     policies |= {name: CONTROLLERS[name].from_env for name in ("MaxForce", "ConstantRotation", "Random")}
-    rows = [
-        evaluate(policy, run.task, config.episodes, name=name, **run.env_settings) for name, policy in policies.items()
-    ]
+    rows = [evaluate(policy, run.task, config.episodes, name=name, **run.held_out) for name, policy in policies.items()]
 
     # 3. Leave the results and say them.
     results = {row.policy: row.to_json() for row in rows}

@@ -6,7 +6,7 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -34,6 +34,8 @@ class Evaluate:
     """Number of episode seeds."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
+    split: Literal["train", "test", "ood"] = "test"
+    """Tracts of a generated task's episodes."""
     out: Path | None = None
     """Write the summary and every episode here as JSON."""
 
@@ -43,6 +45,7 @@ def evaluate(options: Evaluate) -> None:
     from agents.controllers import CONTROLLERS
     from agents.evaluation import evaluate, table
     from agents.learning import load
+    from magwire_env.envs.task import TASKS
 
     if options.episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {options.episodes}")
@@ -58,6 +61,8 @@ def evaluate(options: Evaluate) -> None:
     else:
         raise ValueError(f"policy must be a model folder or one of {', '.join(CONTROLLERS)}; got {options.policy!r}")
     task = task or "MagWire/Steer-v0"
+    if task in TASKS and TASKS[task].pool is not None and options.scenario is None:
+        settings["split"] = options.split
     rows = [evaluate(asked, task, options.episodes, name=name, **settings)]
     if name != "MaxForce":
         rows.append(evaluate(CONTROLLERS["MaxForce"].from_env, task, options.episodes, name="MaxForce", **settings))

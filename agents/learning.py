@@ -113,6 +113,7 @@ def hyperparameters(algorithm: str, task: str) -> dict[str, Any]:
     path = _YAML / f"{algorithm}.yml"
     if algorithm not in ALGORITHMS:
         raise ValueError(f"algorithm must be one of {', '.join(map(repr, ALGORITHMS))}, got {algorithm!r}")
+    # Keys with a leading dot are blocks that tasks share.
     entries = yaml.safe_load(path.read_text(encoding="utf-8"))
     return {**entries["default"], **(entries.get(task) or {})}
 
@@ -220,7 +221,9 @@ def load_parts(
     except (json.JSONDecodeError, KeyError, UnicodeDecodeError) as error:
         raise ValueError(f"{folder / 'model.json'} is damaged or of another program: {error}") from error
     try:
-        dummy = venv or make_vec_env(meta["task"], 1, **meta.get("env", {}))
+        env = meta.get("env", {})
+        smallest = {"pool_size": 1} if "pool_size" in env else {}  # only its spaces are asked for
+        dummy = venv or make_vec_env(meta["task"], 1, **(env | smallest))
         normalization = VecNormalize.load(str(folder / "normalization.pkl"), dummy)
     except Exception as error:
         raise ValueError(f"{folder / 'normalization.pkl'} is damaged or of another program: {error}") from error

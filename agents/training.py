@@ -19,6 +19,8 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
+from magwire_env.envs.task import TASKS
+
 from .evaluation import EVALUATION_SEED, evaluate
 from .learning import frozen, hyperparameters, load_parts, make_model, make_vec_env, save
 
@@ -83,8 +85,14 @@ class Run:
 
     @property
     def env_settings(self) -> dict[str, Any]:
-        """Keyword arguments of the env."""
-        return _env_settings(self.config)
+        """Keyword arguments of the env: the hyperparameters' own, and the scenario asked for."""
+        return self.settings.get("env", {}) | _env_settings(self.config)
+
+    @property
+    def held_out(self) -> dict[str, Any]:
+        """Keyword arguments of the final evaluation's env: a generated task's tracts are then of the test split."""
+        drawn = TASKS[self.task].pool is not None and self.config["scenario"] is None
+        return self.env_settings | ({"split": "test"} if drawn else {})
 
     @property
     def meta(self) -> dict[str, Any]:
@@ -99,7 +107,7 @@ class Run:
 def learn(run: Run) -> bool:
     """Train to the end; false if Ctrl-C stopped it, after saving a checkpoint."""
     settings = dict(run.settings)
-    n_envs, total = settings.pop("n_envs"), settings.pop("n_timesteps")
+    n_envs, total, _ = settings.pop("n_envs"), settings.pop("n_timesteps"), settings.pop("env", None)
     torch.set_num_threads(run.config["threads"])
     venv = make_vec_env(run.task, n_envs, seed=run.config["seed"], **run.env_settings)
     if run.resume:
