@@ -105,10 +105,8 @@ class Tract:
     def curvature_vector(self, s: np.ndarray | float) -> np.ndarray:
         """κ n = dt/ds, pointing to the centre of the bend: s (...) m → (..., 3) 1/m."""
         u, c = self._local(s)
-        rate, second = (
-            c[..., 3:6] + u * (2 * c[..., 6:9] + 3 * u * c[..., 9:12]),
-            2 * c[..., 6:9] + 6 * u * c[..., 9:12],
-        )
+        rate = c[..., 3:6] + u * (2 * c[..., 6:9] + 3 * u * c[..., 9:12])
+        second = 2 * c[..., 6:9] + 6 * u * c[..., 9:12]
         size = np.linalg.norm(rate, axis=-1, keepdims=True)  # 1 to 1e-5, but not its derivative
         t = rate / size
         return (second - (second * t).sum(axis=-1, keepdims=True) * t) / size
