@@ -125,7 +125,8 @@ class SteeringCore:
         factors = 1.0 + drawn[:, :3] * np.array([[v.friction, v.stiffness, v.remanence] for v in ranges])
         placement = drawn[:, 3:] * np.array([v.placement for v in ranges])[:, None]
         factors[:, 0] = np.maximum(factors[:, 0], 0.0)
-        self.sim.vary(lanes, *factors.T, placement.reshape(-1, magnets, 3))
+        friction, stiffness, remanence = factors.T
+        self.sim.vary(lanes, friction, stiffness, remanence, placement.reshape(-1, magnets, 3))
         for name, column in zip(self.varied, factors.T, strict=True):
             self.varied[name][lanes] = column
 
@@ -191,7 +192,7 @@ class SteeringCore:
         success, terminated, truncated = values[kernels.SUCCESS :] > 0.0
         return values[kernels.REWARD], terminated, truncated, self.info(values, success)
 
-    def info(self, values: Sequence[Any], success: Any, lane: int | None = None) -> dict[str, Any]:
+    def info(self, values: Any, success: Any, lane: int | None = None) -> dict[str, Any]:
         """A step's `info` from rows of `advance`, or from one lane's column of them."""
         return {
             "is_success": success,

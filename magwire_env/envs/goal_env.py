@@ -34,9 +34,8 @@ class MagWireGoalEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         self.render_mode = render_mode
         self.action_space = self._env.action_space
         place = gym.spaces.Box(-2.0, 2.0, (1,), dtype=np.float64)
-        self.observation_space = gym.spaces.Dict(
-            {"observation": self._env.observation_space, "achieved_goal": place, "desired_goal": place}
-        )
+        spaces = {"observation": self._env.observation_space, "achieved_goal": place, "desired_goal": place}
+        self.observation_space = gym.spaces.Dict(spaces)  # type: ignore[assignment]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -37,6 +37,7 @@ class Scene3D:
         self._clouds = [
             m.magnet.dipoles("gauss", 2 if len(scenario.rig.magnets) > 1 else 4) for m in scenario.rig.magnets
         ]
+        self._bodies = [np.vstack(body_halves(m.magnet)) for m in scenario.rig.magnets]
         self._add_lumen()
         self._add_wire()
         self._add_magnets()
@@ -100,11 +101,14 @@ class Scene3D:
         self._line_step, self._line_extent = reach / 8, 4 * reach
         segments, size = np.zeros((1, 2, 3)), np.ones(1)
         if self._lone:
-            cloud = self._clouds[0]
+            cloud, corners = self._clouds[0], self._bodies[0]
             segments, size = meshes.field_lines(
-                lambda points: field(cloud, points), cloud.positions, meshes.seeds(rig.magnets[0].magnet),
-                self._line_step, self._line_extent,
-            )  # fmt: skip
+                lambda points: field(cloud, points),
+                lambda points: meshes.within(corners, np.eye(3), np.zeros(3), points),
+                meshes.seeds(rig.magnets[0].magnet),
+                self._line_step,
+                self._line_extent,
+            )
         self._lines = scene.add_line_segments(
             "/magnet0/field" if self._lone else "/field", segments, _line_colours(size), thickness=1.2,
             thickness_units="screen",
@@ -152,13 +156,17 @@ class Scene3D:
             total = np.sum([field(cloud, points) for cloud in clouds], axis=0)
             return total + sum(coil.field(points, i) for coil, i in zip(rig.coils, currents, strict=True))
 
-        starts = [
-            meshes.seeds(m.magnet, (0.3, 0.8), 6) @ r.T + p for m, r, p in zip(rig.magnets, turns, places, strict=True)
-        ]
-        segments, size = meshes.field_lines(
-            flux, np.concatenate([c.positions for c in clouds]), np.concatenate(starts), 1.6 * self._line_step,
-            self._line_extent, 50,
-        )  # fmt: skip
+        def inside(points: np.ndarray) -> np.ndarray:
+            bodies = zip(self._bodies, turns, places, strict=True)
+            return np.any([meshes.within(body, r, p, points) for body, r, p in bodies], axis=0)
+
+        starts = np.concatenate(
+            [
+                meshes.seeds(m.magnet, (0.3, 0.8), 6) @ r.T + p
+                for m, r, p in zip(rig.magnets, turns, places, strict=True)
+            ]
+        )
+        segments, size = meshes.field_lines(flux, inside, starts, 1.6 * self._line_step, self._line_extent, 50)
         self._lines.points, self._lines.colors = segments.astype(np.float32), _line_colours(size)
 
 

@@ -36,6 +36,7 @@ class Controls:
         with gui.add_folder("Now"):
             self.numbers = gui.add_markdown("")
             self._charts(gui)
+        self._charted = 0
         self.sliders: list[Any] = []
         self.handles: list[tuple[Any, list[int]]] = []
 
@@ -63,7 +64,7 @@ class Controls:
         widget.on_update(lambda event: self.page.requests.put(wish) if event.client_id is not None else None)
 
     def _charts(self, gui: Any) -> None:
-        start = np.array([0.0, 1.0])
+        start = np.zeros(2)
         axis = {"size": 40, "font": "11px sans-serif", "labelFont": "11px sans-serif", "labelSize": 18}
         time_axis = {**axis, "label": "time [s]", "size": 28}
         self.force_chart, self.way_chart = (
@@ -181,7 +182,11 @@ class Controls:
             words += f"\n\n{page.message}"
         if self.numbers.content != words:
             self.numbers.content = words
-        time = np.array(page.past.time)
-        if len(time) > 1:
-            self.force_chart.data = (time, 1e3 * np.array(page.past.force))
-            self.way_chart.data = (time, 1e3 * np.array(page.past.arclength))
+        past = page.past
+        if len(past.time) != self._charted:
+            self._charted = len(past.time)
+            # A line takes two points: at an episode's start its first stands a control step further, too.
+            more = [past.time[0] + 0.1] if len(past.time) == 1 else []
+            time = np.array([*past.time, *more])
+            for chart, values in ((self.force_chart, past.force), (self.way_chart, past.arclength)):
+                chart.data = (time, 1e3 * np.array([*values, *values[: len(more)]]))

@@ -9,7 +9,7 @@ import numpy as np
 from ..physics.magnets import Magnet
 from .snapshot import body_halves
 
-__all__ = ["field_lines", "prism", "quaternion", "rotation_to", "tube"]
+__all__ = ["field_lines", "prism", "quaternion", "rotation_to", "seeds", "tube", "within"]
 
 
 def tube(points: np.ndarray, radius: np.ndarray | float, sides: int = 16) -> tuple[np.ndarray, np.ndarray]:
@@ -100,7 +100,7 @@ def seeds(magnet: Magnet, rings: tuple[float, ...] = (0.25, 0.55, 0.85), spokes:
 
 def field_lines(
     flux: Callable[[np.ndarray], np.ndarray],
-    sources: np.ndarray,
+    inside: Callable[[np.ndarray], np.ndarray],
     starts: np.ndarray,
     step: float,
     extent: float,
@@ -108,28 +108,32 @@ def field_lines(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lines of the flux density from `starts` (n, 3) m on, in steps of `step` m, up to `extent` m from their middle.
 
-    flux : points (n, 3) m → (n, 3) T; sources : (k, 3) m, dipoles near which a line ends
+    flux : points (n, 3) m → (n, 3) T
+    inside : points (n, 3) m → (n,), whether they lie in a magnet, where a line ends
 
     Returns segments (k, 2, 3) m and the flux density at their starts (k,) T.
     """
     middle = starts.mean(axis=0)
     here, alive = starts.copy(), np.ones(len(starts), dtype=np.bool_)
     segments, strengths = [], []
-
-    def way(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        b = flux(points)
-        size = np.linalg.norm(b, axis=1)
-        return b / size[:, None], size
-
     for _ in range(steps):
         points = here[alive]
         if not len(points):
             break
-        first, size = way(points)
-        there = points + step * way(points + step / 2 * first)[0]
+        first, size = _unit(flux(points))
+        there = points + step * _unit(flux(points + step / 2 * first))[0]
         segments.append(np.stack([points, there], axis=1))
         strengths.append(size)
         here[alive] = there
-        gap = np.linalg.norm(here[:, None] - sources, axis=2).min(axis=1)
-        alive &= (np.linalg.norm(here - middle, axis=1) < extent) & (gap > 1.5 * step)
+        alive &= (np.linalg.norm(here - middle, axis=1) < extent) & ~inside(here)
     return np.concatenate(segments), np.concatenate(strengths)
+
+
+def within(corners: np.ndarray, rotation: np.ndarray, centre: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Whether `points` (n, 3) m lie in the box about a body with `corners` (k, 3) m in its own frame, turned and moved."""
+    return (np.abs((points - centre) @ rotation) < np.abs(corners).max(axis=0)).all(axis=1)
+
+
+def _unit(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    size = np.linalg.norm(vectors, axis=1)
+    return vectors / size[:, None], size

@@ -53,7 +53,8 @@ def nice(value: float) -> float:
 def pixels(surface: Any) -> np.ndarray:
     """A surface as (height, width, 3) uint8."""
     pygame = need("pygame", "rendering")
-    return np.ascontiguousarray(pygame.surfarray.pixels3d(surface).swapaxes(0, 1))
+    width, height = surface.get_size()
+    return np.frombuffer(pygame.image.tobytes(surface, "RGB"), dtype=np.uint8).reshape(height, width, 3).copy()
 
 
 class Brush:

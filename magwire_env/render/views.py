@@ -18,6 +18,9 @@ __all__ = ["Views", "view_bounds"]
 _FORCE_LENGTH = 30.0
 """Pixels (at 640 × 480) of the force arrow at the reference force."""
 
+_LONGEST = 110.0
+"""Pixels of the longest force arrow."""
+
 _MARGIN = 8.0
 
 
@@ -128,8 +131,8 @@ class Views:
         """Magnets, target, wire, tip and forces."""
         for view, rect in zip((self.plan, self.side), self.frames, strict=True):
             surface.set_clip(rect)
-            self._target(surface, view, now)
             self._magnets(surface, view, now)
+            self._target(surface, view, now)
             self._wire_line(surface, view, now)
             self._forces(surface, view, now)
             self._tip(surface, view, now)
@@ -202,10 +205,11 @@ class Views:
     def _forces(self, surface: Any, view: View, now: Snapshot) -> None:
         """The magnetic force and what of it drives the tip along the tract, joined by a thin line."""
         tip = view.px(now.tip_position)
-        size = _FORCE_LENGTH * self.brush.scale / self.reference
-        force, drive = (
-            tip + size * view.direction(v) for v in (now.tip_force, now.drive_force * now.tip_tangent)
-        )  # fmt: skip
+        forces = np.stack([now.tip_force, now.drive_force * now.tip_tangent])
+        # Forces beyond the longest arrow are drawn as long as that; the head line has their numbers.
+        longest = float(np.linalg.norm(forces, axis=1).max()) / self.reference * _FORCE_LENGTH
+        size = _FORCE_LENGTH * min(1.0, _LONGEST / max(longest, 1e-9)) * self.brush.scale / self.reference
+        force, drive = tip + size * view.direction(forces)
         self.brush.pygame.draw.aaline(surface, paint.FAINT, force, drive)
         self.brush.arrow(surface, tip, force, paint.FORCE, 2.0, 8.0)
         self.brush.arrow(surface, tip, drive, paint.DRIVE, 4.0, 9.0)

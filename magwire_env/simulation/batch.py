@@ -364,5 +364,5 @@ def _dof_row(dof: Turn | Slide | Current) -> tuple[float, float, float]:
 
 def _magnet_rows(sc: Scenario) -> list[tuple[float, ...]]:
     """Centre, strength and gradient of every magnet, then of every coil."""
-    magnets = [(*m.position, MU0 / (4 * np.pi) * m.magnet.moment, 0.0) for m in sc.rig.magnets]
+    magnets: list[tuple[float, ...]] = [(*m.position, MU0 / (4 * np.pi) * m.magnet.moment, 0.0) for m in sc.rig.magnets]
     return magnets + [(*c.position, c.uniform, c.gradient) for c in sc.rig.coils]

@@ -37,7 +37,8 @@ def share_out(
     if parts == 1 or _forked:
         run(blocks, workspaces[0])
         return
-    jobs, done = _queue(), SimpleQueue()
+    jobs = _queue()
+    done: SimpleQueue[BaseException | None] = SimpleQueue()
     ends = [len(blocks) * i // parts for i in range(parts + 1)]
     for i in range(1, parts):
         jobs.put((run, blocks[ends[i] : ends[i + 1]], workspaces[i], done))
