@@ -205,7 +205,7 @@ def cheapest_rule(magnet: Magnet, distance: float, tolerance: float = 5e-3) -> t
         rules += [(n, "fitted", n) for n in SIZES]
     for _, rule, n in sorted(rules):
         error = np.linalg.norm(field_gradient(magnet.dipoles(rule, n), points) - exact, axis=(1, 2)) / size
-        if error.max() <= tolerance:
+        if error.max() <= 0.95 * tolerance:  # a twentieth in hand for the directions between
             return (rule, n)
     raise ValueError(
         f"no Gauss rule up to 15 points a direction is within {tolerance:g} at {distance:.4g} m from {magnet}"

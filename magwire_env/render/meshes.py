@@ -130,7 +130,7 @@ def field_lines(
 
 
 def within(corners: np.ndarray, rotation: np.ndarray, centre: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Whether `points` (n, 3) m lie in the box about a body with `corners` (k, 3) m in its own frame, turned and moved."""
+    """Whether `points` (n, 3) m lie in the box about a body with `corners` (k, 3) m, turned and moved."""
     return (np.abs((points - centre) @ rotation) < np.abs(corners).max(axis=0)).all(axis=1)
 
 

@@ -41,7 +41,7 @@ _BETWEEN = 0.005
 """What a start between those tried may slide back farther, m."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Certificate:
     """What the quasi-static balance says about one scenario: solvable, blocked, or (rarely) neither.
 
@@ -84,6 +84,9 @@ class Certificate:
         if self.blocked is None:
             return None
         return self.commands[int(np.flatnonzero(self.arclengths == self.blocked)[0])]
+
+    def __repr__(self) -> str:
+        return f"<Certificate: {self}>"
 
     def __str__(self) -> str:
         at, margin = self.weakest

@@ -242,7 +242,9 @@ class Simulator:
                 results[row, step] = moves.result(field)
         shape = (k, horizon) if single else (n, k, horizon)
         arrays = results.transpose(0, 2, 1).reshape(6, *shape)
-        time = state.time[source] + horizon * self.control_period
+        time = state.time[source]
+        for _ in range(horizon):  # summed as `step` sums it, so that the end equals stepping there
+            time = time + self.control_period
         return Trajectories(*arrays, SimulatorState(*moves.read(lanes), time, state.lanes[source]))  # type: ignore[call-arg]
 
     # --- looking at it ----------------------------------------------------------------------------------------------
