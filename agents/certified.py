@@ -19,7 +19,7 @@ from magwire_env.scenario import Scenario
 from magwire_env.simulation import Certificate, certify
 from magwire_env.simulation.pool import KINDS, candidates
 
-from .controllers import MaxForce, NetForce
+from .controllers import CONTROLLERS, Controller, MaxForce, NetForce
 
 __all__ = ["Ride", "main", "ride", "ride_certified", "ride_refused", "sorted_candidates", "stops_near"]
 
@@ -112,7 +112,13 @@ def stops_near(result: Ride, found: Found) -> np.ndarray:
     return ~result.success & (np.abs(result.furthest - blocked) < NEAR)
 
 
-def report(kind: str, certified: int, refused: int, split: str = "test") -> str:
+def report(
+    kind: str,
+    certified: int,
+    refused: int,
+    split: str = "test",
+    policies: Sequence[type[Controller]] = (NetForce, MaxForce),
+) -> str:
     """The promise at the sizes given, as lines of text."""
     began = time.perf_counter()
     found = sorted_candidates(kind, certified, refused, split)
@@ -127,7 +133,7 @@ def report(kind: str, certified: int, refused: int, split: str = "test") -> str:
         f"{kind}: {len(tried)} candidates of {split!r} in {seconds:.1f} s: {shares[0]:.1%} certified, "
         f"{shares[1]:.1%} blocked, {shares[2]:.1%} thrown out of the entrance, {1 - sum(shares):.1%} doubtful"
     ]
-    for policy in (NetForce, MaxForce):
+    for policy in policies:
         if certified:
             result = ride_certified(policy.from_env, kind, found["certified"])
             ratio = result.time / [c.traverse_time for _, c in found["certified"]]
@@ -145,14 +151,16 @@ def report(kind: str, certified: int, refused: int, split: str = "test") -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """The command: certified and refused scenarios ridden by NetForce and MaxForce."""
+    """The command: certified and refused scenarios ridden by NetForce and MaxForce, or by `--policies`."""
     parser = argparse.ArgumentParser(prog="python -m agents.certified", description=main.__doc__)
     parser.add_argument("--kind", choices=list(KINDS), default="SteerAny")
     parser.add_argument("--certified", type=int, default=500)
     parser.add_argument("--refused", type=int, default=200)
     parser.add_argument("--split", default="test")
+    parser.add_argument("--policies", nargs="+", choices=list(CONTROLLERS), default=["NetForce", "MaxForce"])
     options = parser.parse_args(arguments)
-    print(report(options.kind, options.certified, options.refused, options.split))
+    policies = [CONTROLLERS[name] for name in options.policies]
+    print(report(options.kind, options.certified, options.refused, options.split, policies))
 
 
 if __name__ == "__main__":
