@@ -12,14 +12,24 @@ Rates = dict[str, np.ndarray]
 
 def rates(cases: Mapping[str, Callable[[], tuple[int, float]]], rounds: int = 7) -> Rates:
     """Steps per second of every case, one number a round: a case runs a while and returns steps and seconds."""
+    return both_rates(cases, rounds)[0]
+
+
+def both_rates(cases: Mapping[str, Callable[[], tuple[int, float]]], rounds: int = 7) -> tuple[Rates, Rates]:
+    """As `rates`, and steps per second of processor time, all threads together: what a busy machine does not hide.
+
+    The processor time is the whole case's, resets before it included.
+    """
     for case in cases.values():
         case()
-    found: dict[str, list[float]] = {name: [] for name in cases}
+    found: dict[str, list[tuple[float, float]]] = {name: [] for name in cases}
     for _ in range(rounds):
         for name, case in cases.items():
+            before = time.process_time()
             steps, seconds = case()
-            found[name].append(steps / seconds)
-    return {name: np.array(values) for name, values in found.items()}
+            found[name].append((steps / seconds, steps / (time.process_time() - before)))
+    both = {name: np.array(values).T for name, values in found.items()}
+    return {name: pair[0] for name, pair in both.items()}, {name: pair[1] for name, pair in both.items()}
 
 
 def timed(run: Callable[[], object]) -> float:
