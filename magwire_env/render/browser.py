@@ -169,8 +169,8 @@ class Page:
             now = time.perf_counter()
             self.update(now - last)
             last = now
-            # Due times follow one another evenly, so that a late update is made up for, unless it is far too late.
-            due = max(due + 1 / UPDATES, now)
+            # Due times follow one another evenly, so that late updates are made up for, a few of them at most.
+            due = max(due + 1 / UPDATES, now - 3 / UPDATES)
             self._stopped.wait(max(0.0, due - time.perf_counter()))
         self.server.stop()
 

@@ -73,7 +73,7 @@ class Controls:
                 ({"label": "t [s]"}, {"label": label, "stroke": "rgb({}, {}, {})".format(*colour), "width": 2}),
                 scales={"x": {"time": False}},
                 axes=(time_axis, {**axis, "label": label, "size": 46}),
-                legend={"show": False}, height=130,
+                legend={"show": False}, height=105,
             )
             for label, colour in (("force [mN]", paint.DRIVE), ("tip [mm]", paint.INK))
         )  # fmt: skip
