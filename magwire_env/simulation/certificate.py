@@ -34,11 +34,11 @@ _SPREAD = 0.02
 _GOAL_MARGIN = 0.01
 """The goal lies this far before the tract's end, m, as in the tasks."""
 
-_SWINGS, _MORE_SWINGS, _SWING_TIME = 24, 64, 1.2
+_SWINGS, _MORE_SWINGS, _SWING_TIME = 24, 128, 1.2
 """Starts tried for one and for more degrees of freedom, and for how long, s: a servo turns about within 1 s."""
 
-_BETWEEN = 0.005
-"""What a start between those tried may slide back farther, m."""
+_BETWEEN, _MORE_BETWEEN = 0.005, 0.015
+"""What a start between those tried may slide back farther, m, for one and for more degrees of freedom."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -188,7 +188,7 @@ def _swung_back(scenarios: Sequence[Scenario], commands: Sequence[np.ndarray]) -
     magnets (a Kronecker sequence).
     """
     n, dof = len(scenarios), commands[0].shape[1]
-    swings = _SWINGS if dof == 1 else _MORE_SWINGS
+    swings, between = (_SWINGS, _BETWEEN) if dof == 1 else (_MORE_SWINGS, _MORE_BETWEEN)
     lane = np.repeat(np.arange(n), swings)
     sim = Simulator(scenarios, len(lane), lane_scenario=lane)
     k = np.arange(swings)[:, None]
@@ -207,7 +207,7 @@ def _swung_back(scenarios: Sequence[Scenario], commands: Sequence[np.ndarray]) -
         row = np.clip(np.rint(sim.tip_arclength / spacing), 0, last).astype(np.int64)
         sim.step(table[first + row])
         lowest = np.minimum(lowest, sim.tip_trace.min(axis=1))
-    return lowest.reshape(n, swings).min(axis=1) - _BETWEEN
+    return lowest.reshape(n, swings).min(axis=1) - between
 
 
 _PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53, 59, 61, 67, 71, 73, 79, 83, 89)

@@ -5,9 +5,9 @@ Which scenarios a pool holds depends on its kind, split, size and seed alone. Wh
 | kind | tracts | wire | rig | coupling | solvable |
 |---|---|---|---|---|---|
 | SteerAny | 0.4–0.6 m, bends ≥ 40 mm, 180 mm wide | 275 kPa | fixed above, one axis | force | 55 % |
-| Orient | the generator's: 0.7–0.9 m, bends ≥ 30 mm, 240 mm wide | 55 kPa | fixed above, two axes | wrench | 81 % |
-| Chase | the generator's | 275 kPa | slides in x and y 7 cm above the tract, one axis | wrench | 74 % |
-| Dual | the generator's | 55 kPa | one fixed above turning about y, one below about x | wrench | 86 % |
+| Orient | the generator's: 0.7–0.9 m, bends ≥ 30 mm, 240 mm wide | 55 kPa | fixed above, two axes | wrench | 69 % |
+| Chase | the generator's | 275 kPa | slides in x and y 7 cm above the tract, one axis | wrench | 62 % |
+| Dual | the generator's | 55 kPa | one fixed above turning about y, one below about x | wrench | 69 % |
 
 The paper's magnet, tip and contact throughout, magnets 7 cm from the centreline at the nearest. Its wire (550 kPa) is
 too stiff for most of these: entering a bend of 30 mm costs it 9.4 mN, more than the magnet gives over much of such a
