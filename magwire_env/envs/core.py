@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ import numpy as np
 
 from ..physics.checks import one_of, positive, whole
 from ..scenario import Scenario
-from ..simulation import Simulator
+from ..simulation import Simulator, certificate
 from . import kernels
 from .action import Actuation
 from .episode import DRAWS, beginnings, references
@@ -55,6 +57,8 @@ class SteeringCore:
         self._draws_scenario = self.task.pool is not None and scenario is None
         scenarios = _scenarios(self.task, scenario, coupling, split, pool_size)
         _check_ways(self.task, scenarios)
+        if len(scenarios) == 1 and (scenario is not None or coupling is not None):
+            _warn_uncertified(self.task, scenarios[0])
         self.sim = Simulator(
             scenarios if len(scenarios) > 1 else scenarios[0], num_envs, threads,
             np.zeros(num_envs, dtype=np.int64) if self._draws_scenario else None,
@@ -255,6 +259,16 @@ def _check_ways(task: Task, scenarios: Sequence[Scenario]) -> None:
                 f"scenario[{i}].wire.length must leave a way between the start and the goal at {last:.3g} m, "
                 f"got {sc.wire.length:g} m of wire"
             )
+
+
+@lru_cache(maxsize=256)
+def _warn_uncertified(task: Task, scenario: Scenario) -> None:
+    """Warn, once a scenario and task, where nothing says that the task can be done; both ways unless it is steering."""
+    for direction in (1, -1)[: 1 if task.kind == "steer" else 2]:
+        found = certificate(scenario, direction=direction, time_limit=task.time_limit)
+        if not found.solvable:
+            warnings.warn(f"scenario {scenario.name!r} has no certificate for {task.id}: {found}", stacklevel=5)
+            return
 
 
 def _per_lane(name: str, value: Any, n: int, shape: tuple[int, ...], unit: str) -> np.ndarray:

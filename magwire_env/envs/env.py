@@ -70,7 +70,7 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
     `peak_lateral_force` (N), `magnet_travel` (rad and m summed).
 
     ## Arguments
-    scenario : `Scenario`, a TOML file or a shipped name; by default the task's
+    scenario : `Scenario`, a TOML file or a shipped name; by default the task's. One without a certificate warns, once
     coupling : "force" or "wrench", in place of the scenario's
     action_mode : "angle", "rate" or "direction"
     observe : names of observation channels; by default the task's

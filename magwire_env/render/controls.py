@@ -73,7 +73,7 @@ class Controls:
                 ({"label": "t [s]"}, {"label": label, "stroke": "rgb({}, {}, {})".format(*colour), "width": 2}),
                 scales={"x": {"time": False}},
                 axes=(time_axis, {**axis, "label": label, "size": 46}),
-                legend={"show": False}, height=105,
+                legend={"show": False}, height=115, padding=(12, 10, 0, 0),
             )
             for label, colour in (("force [mN]", paint.DRIVE), ("tip [mm]", paint.INK))
         )  # fmt: skip
@@ -86,6 +86,7 @@ class Controls:
             slider.remove()
         self.sliders, self.handles = [], []
         gui, dofs = self.page.server.gui, self.page.dofs
+        self.click.visible = len(dofs) == 1  # only then there is a map
         for i, dof in enumerate(dofs):
             low, high = (round(dof.factor * end, 6) for end in (dof.low, dof.high))
             step = 0.1 if dof.unit == "A" else 1.0

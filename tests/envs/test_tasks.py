@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -236,3 +238,13 @@ def test_the_safety_mode_ends_an_episode_over_the_limit():
 def test_refusals(build, words):
     with pytest.raises(ValueError, match=words):
         build()
+
+
+def test_a_scenario_without_a_certificate_warns_once():
+    scenario = Scenario.paper().replace(name="stiff", wire__bending_modulus=5e6)
+    with pytest.warns(UserWarning, match="scenario 'stiff' has no certificate for MagWire/Steer-v0: blocked at"):
+        gym.make("MagWire/Steer-v0", scenario=scenario, disable_env_checker=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        gym.make("MagWire/Steer-v0", scenario=scenario, disable_env_checker=True)
+        gym.make("MagWire/Steer-v0", scenario=Scenario.paper().replace(contact__friction=0.0))
