@@ -149,7 +149,7 @@ class Observer:
             own = channel.numbers(sim)
             self._parts.append((channel, slice(len(numbers), len(numbers) + len(own))))
             numbers += own
-        self.numbers = tuple(numbers)
+        self.numbers: tuple[Number, ...] = tuple(numbers)
         self._kinds, self._rows = np.array([(x.kind, x.row) for x in numbers], dtype=np.int64).T.copy()
         self._scales = np.array([x.scale or 1.0 for x in numbers])
         self._bounds = np.concatenate([np.full(p.stop - p.start, float(c.bound)) for c, p in self._parts])
