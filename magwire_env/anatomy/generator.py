@@ -107,12 +107,11 @@ def within_bounds(tract: Tract, bounds: Bounds) -> None:
 
 
 def sharpest_bend(tract: Tract) -> tuple[float, float]:
-    """The smallest bend radius and its arc length, m. Exact: within a row of the table κ is largest at an end."""
-    rows, h = tract.table[1:-1], tract.row_spacing
-    ends = np.vstack([2 * rows[:, 6:9], 2 * rows[-1:, 6:9] + 6 * h * rows[-1:, 9:12]])
-    curvature = np.sqrt((ends**2).sum(axis=1))
+    """The smallest bend radius and its arc length, m, at the table's knots: within a row κ is largest at an end."""
+    s = tract.row_spacing * np.arange(len(tract.table) - 1)
+    curvature = tract.curvature(s)
     i = int(curvature.argmax())
-    return 1 / max(float(curvature[i]), 1e-12), i * h
+    return 1 / max(float(curvature[i]), 1e-12), float(s[i])
 
 
 def extent(tract: Tract) -> np.ndarray:

@@ -51,17 +51,26 @@ class Controls:
         self.click = gui.add_dropdown("Map click", tuple(_CLICKS))
         self.lines = gui.add_checkbox("Field lines", True)
         for widget in (self.task, self.scenario):
-            self._on(widget, lambda: page.open(self.task.value, self.scenario.value))
-        self._on(self.policy, lambda: page.choose_policy(self.policy.value))
-        self._on(self.speed, lambda: setattr(page, "speed", float(self.speed.value)))
-        self._on(self.click, lambda: setattr(page, "click", _CLICKS[self.click.value]))
-        self._on(self.lines, lambda: page.scene.show_lines(self.lines.value))
+            self._on(widget, lambda _: page.open(self.task.value, self.scenario.value))
+        self._on(self.policy, page.choose_policy)
+        self._on(self.speed, lambda value: setattr(page, "speed", float(value)))
+        self._on(self.click, lambda value: setattr(page, "click", _CLICKS[value]))
+        self._on(self.lines, lambda value: page.scene.show_lines(value))
         self.go.on_click(lambda _: page.requests.put(lambda: page.play(not page.playing)))
         self.again.on_click(lambda _: page.requests.put(page.reset))
 
     def _on(self, widget: Any, wish: Any) -> None:
-        """`wish` is done when a visitor, not the page itself, changes the widget."""
-        widget.on_update(lambda event: self.page.requests.put(wish) if event.client_id is not None else None)
+        """`wish` is done, with the new value, when a visitor and not the page itself changes the widget.
+
+        The value is taken now: before the wish's turn comes, `follow` may have set the widget back.
+        """
+
+        def changed(event: Any) -> None:
+            if event.client_id is not None:
+                value = widget.value
+                self.page.requests.put(lambda: wish(value))
+
+        widget.on_update(changed)
 
     def _charts(self, gui: Any) -> None:
         start = np.zeros(2)
@@ -93,7 +102,7 @@ class Controls:
             with self._magnet_folder:
                 value = float(np.clip(self._shown(dof, magnet[i]), low, high))
                 slider = gui.add_slider(f"{dof.name} [{dof.unit}]", min=low, max=high, step=step, initial_value=value)
-            self._on(slider, lambda i=i, dof=dof, slider=slider: self.page.hold(i, slider.value / dof.factor))
+            self._on(slider, lambda value, i=i, dof=dof: self.page.hold(i, value / dof.factor))
             self.sliders.append(slider)
             if dof.turn and dof.magnet is not None:
                 self._turn_handle(i, dof, dof.magnet, scenario.rig.magnets[dof.magnet])
