@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from centreline_writers import MISR, Vtp, csv_text, curve, markups, vessel, write
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import magwire_env  # noqa: F401  (registers the ids)
+from agents.controllers import MaxForce
 from magwire_env.anatomy import read_centreline
 from magwire_env.anatomy.generator import sharpest_bend
 from magwire_env.physics import Tract
-from magwire_env.scenario import ActuatedMagnet, Rig, Scenario, above
+from magwire_env.scenario import ActuatedMagnet, Rig, Scenario, Slide, Turn, above
 
 
 def assert_is_vessel(tract, tolerance=1e-4):
@@ -206,3 +209,25 @@ def test_a_loaded_tract_makes_a_scenario(tmp_path, name):
     scenario.save(tmp_path / "mine.toml")
     path.unlink()  # a saved scenario stands alone
     assert Scenario.load(tmp_path / "mine.toml") == scenario
+
+
+@pytest.mark.parametrize("name", ["vessel.csv", "vessel.vtp", "vessel.mrk.json"])
+def test_a_loaded_tract_is_steered_to_its_end_and_drawn(tmp_path, name):
+    pytest.importorskip("pygame", reason="frames need the extra 'view'")
+    xyz, radius = vessel()
+    content = {"csv": csv_text(xyz, radius), "vtp": Vtp().file([xyz], [radius]), "json": markups(curve(xyz, radius))}
+    tract = Tract.load(write(tmp_path, name, content[name.split(".")[-1]]), "mm")
+    paper = Scenario.paper()
+    slides = (Turn("y", home=np.pi), Slide("x", -0.07, 0.07), Slide("y", -0.07, 0.07))
+    rig = Rig((ActuatedMagnet(paper.rig.magnets[0].magnet, (0.0, 0.0, 0.12), slides),))
+    env = gym.make("MagWire/Steer-v0", scenario=paper.replace(tract=tract, rig=rig), render_mode="rgb_array")
+    observation, _ = env.reset(seed=0)
+    controller = MaxForce.from_env(env, spacing=0.01)
+    terminated = truncated = False
+    while not (terminated or truncated):
+        observation, _, terminated, truncated, info = env.step(controller.predict(observation)[0])
+    assert info["is_success"]
+    frame = env.render()
+    assert frame.shape == (480, 640, 3)
+    assert len(np.unique(frame.reshape(-1, 3), axis=0)) > 20
+    env.close()

@@ -224,8 +224,9 @@ def test_coupling_and_scenario_override_the_task(tmp_path):
     assert gym.make(IDS[0], scenario="paper").unwrapped.simulator.scenarios[0] == Scenario.paper()
 
 
-def test_a_long_random_run_stays_finite():
-    envs = gym.make_vec(IDS[0], num_envs=50)
+@pytest.mark.parametrize("env_id", IDS)
+def test_ten_thousand_random_steps_stay_finite(env_id):
+    envs = gym.make_vec(env_id, num_envs=50)
     envs.action_space.seed(0)
     envs.reset(seed=0)
     for _ in range(200):
