@@ -11,7 +11,19 @@ import math
 import numpy as np
 from numba import njit
 
-from ..simulation.algorithm1 import DOF_STRIDE, HIGH, LOW, OUT_FIELDS, SPEED
+from ..simulation.algorithm1 import (
+    DOF_STRIDE,
+    HIGH,
+    INV_PERIOD,
+    INV_SPACING,
+    LOW,
+    OUT_FIELDS,
+    PERIOD,
+    SPACING,
+    SPEED,
+    TABLE_LAST,
+    TABLE_ROW,
+)
 from ..simulation.lanes import LANES, absolute, load, maximum, minimum, sin_cos, store, where
 
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
@@ -206,3 +218,25 @@ def observe(n, kinds, rows, scales, bounds, out, magnet, dofs, lanes, work, obse
             store(work, 0, minimum(maximum(x, -bound), bound))
             for l in range(min(LANES, n - lane)):
                 observation[lane + l, j] = np.float32(work[l])
+
+
+@njit(**_JIT)
+def preview(offsets, par, tip, table, centre, scale, seen):
+    """The centreline `offsets` (k,) m ahead of the tips: points from `centre` (n, 3) over `scale`, then tangents.
+
+    tip : (n,) m or more; seen : (n, 6 k). As NumPy over the whole batch it took half of a step.
+    """
+    count = offsets.shape[0]
+    for lane in range(seen.shape[0]):
+        row, l = par[lane // LANES], lane % LANES
+        for k in range(count):
+            s = tip[lane] + offsets[k]
+            s -= row[PERIOD + l] * math.floor(s * row[INV_PERIOD + l])
+            piece = min(max(math.floor(s * row[INV_SPACING + l]) + 1.0, 0.0), row[TABLE_LAST + l])
+            u = s - (piece - 1.0) * row[SPACING + l]
+            c = 12 * int(piece + row[TABLE_ROW + l])
+            for axis in range(3):
+                b, second, third = table[c + 3 + axis], table[c + 6 + axis], table[c + 9 + axis]
+                place = table[c + axis] + u * (b + u * (second + u * third))
+                seen[lane, 3 * k + axis] = (place - centre[lane, axis]) / scale
+                seen[lane, 3 * (count + k) + axis] = b + u * (2.0 * second + 3.0 * u * third)

@@ -91,9 +91,13 @@ def _magnet(sim: Simulator) -> Sequence[Number]:
 
 def _preview(core: SteeringCore) -> np.ndarray:
     sim = core.sim
-    points, tangents = sim.look_ahead(np.array(PREVIEW_OFFSETS))
-    seen = points - sim.magnet_positions[:, :1]
-    return np.concatenate([seen.reshape(len(seen), -1) / LENGTH_SCALE, tangents.reshape(len(seen), -1)], axis=1)
+    magnets = sim.magnet_positions
+    centre = magnets[:, 0].copy() if magnets.shape[1] else np.zeros((sim.num_envs, 3))
+    seen = np.empty((sim.num_envs, 6 * len(PREVIEW_OFFSETS)))
+    kernels.preview(
+        np.array(PREVIEW_OFFSETS), sim.arrays.par, sim.tip_arclength, sim.library.table, centre, LENGTH_SCALE, seen
+    )
+    return seen
 
 
 def _reference(core: SteeringCore) -> np.ndarray:

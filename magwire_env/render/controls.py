@@ -125,7 +125,7 @@ class Controls:
         )  # fmt: skip
 
         def dragged(event: Any) -> None:
-            if event.client_id is not None:
+            if event.client_id is not None and event.phase == "update":
                 w, *v = handle.wxyz
                 angle = 2 * float(np.arctan2(v[dof.axis], w))
                 self.page.requests.put(lambda: self.page.hold(i, angle))
@@ -144,7 +144,7 @@ class Controls:
         )  # fmt: skip
 
         def dragged(event: Any) -> None:
-            if event.client_id is not None:
+            if event.client_id is not None and event.phase == "update":
                 offsets = {i: float(handle.position[axis] - mount.position[axis]) for axis, i in slides.items()}
                 self.page.requests.put(lambda: self.page.hold_all(offsets))
 
