@@ -9,31 +9,13 @@ from hypothesis import strategies as st
 
 from magwire_env.physics import (
     BlockMagnet,
-    CylinderMagnet,
     FreeRod,
-    Guidewire,
     field,
 )
 from magwire_env.physics.rod_energy import Chart, Shape
+from magwire_env.validation.rods import LENGTH, field_unit, force_unit, make_rod
 
-LENGTH = 0.1
-TIP = CylinderMagnet(2e-3, 3e-3, 1.37)
 BLOCK = BlockMagnet((0.0508, 0.0508, 0.0508), 1.3)
-
-
-def make_rod(segments: int, stretch: float = 1.0, **options) -> FreeRod:
-    """The paper's wire; `stretch` multiplies its axial modulus, a thousandfold makes it inextensible."""
-    return FreeRod(Guidewire(LENGTH, 2.5e-3, stretch * 600e3, 550e3, 1100.0, segments), TIP, **options)
-
-
-def force_unit(rod: FreeRod) -> float:
-    """E·I/L², N."""
-    return rod.wire.bending_rigidity / rod.wire.length**2
-
-
-def field_unit(rod: FreeRod) -> float:
-    """E·I/(m L), T: the field at which β = 1."""
-    return rod.wire.bending_rigidity / (rod.wire.length * rod.tip.moment)
 
 
 def random_turn(rng: np.random.Generator) -> np.ndarray:
