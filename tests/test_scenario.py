@@ -14,6 +14,7 @@ import magwire_env
 from magwire_env.anatomy.named import circle, paper_spiral, straight
 from magwire_env.physics import BlockMagnet, CylinderMagnet, PointDipole, Tract
 from magwire_env.scenario import ActuatedMagnet, Contact, Rig, Scenario, Slide, Timing, Turn
+from magwire_env.simulation import certificate
 
 PAPER = Scenario.paper()
 SHIPPED = {path.stem: path for path in (Path(magwire_env.__file__).parent / "scenarios").glob("*.toml")}
@@ -149,6 +150,16 @@ def test_the_shipped_scenarios_are_what_their_constructors_give():
         assert Scenario.load(name).name == name
         if name in CONSTRUCTORS:
             assert Scenario.load(name) == CONSTRUCTORS[name]()
+
+
+def test_the_hard_scenario_is_the_last_that_its_certificate_lets_through():
+    """A long wire whose couple rubs: at the next friction, in steps of 0.005, it no longer passes within 30 s."""
+    hard = Scenario.load("hard")
+    assert hard == PAPER.replace(
+        name="hard", wire__length=0.2, wire__segments=32, contact__friction=0.03, contact__lever_friction=True
+    )
+    assert certificate(hard, time_limit=30.0).solvable
+    assert not certificate(hard.replace(contact__friction=0.035), time_limit=30.0).solvable
 
 
 def test_a_file_that_is_not_there_or_not_toml(tmp_path):

@@ -23,6 +23,8 @@ from ..simulation.algorithm1 import (
     SPEED,
     TABLE_LAST,
     TABLE_ROW,
+    TIP_MOMENT,
+    WRENCH,
 )
 from ..simulation.lanes import LANES, absolute, load, maximum, minimum, sin_cos, store, where
 
@@ -240,3 +242,44 @@ def preview(offsets, par, tip, table, centre, scale, seen):
                 place = table[c + axis] + u * (b + u * (second + u * third))
                 seen[lane, 3 * k + axis] = (place - centre[lane, axis]) / scale
                 seen[lane, 3 * (count + k) + axis] = b + u * (2.0 * second + 3.0 * u * third)
+
+
+@njit(**_JIT)
+def pull_preview(offsets, par, tip, table, centres, strengths, scale, seen):
+    """The drive `offsets` (k,) m ahead of the tips for each magnet's moment along x, y and z, over `scale`.
+
+    centres : (n, m, 3) m, of the magnets, each a point dipole; strengths : (n, m) μ0 m / 4π, T·m³
+    tip : (n,) m or more; seen : (n, 3 k m), magnet by magnet, place by place
+
+    With r from magnet to tract, c = t·r/r and κ n the curvature vector, a moment along M̂ drives the tip by M̂·g:
+    g = 3 (μ0 m m_tip/4π r⁴) [(1 − 5 c²) r/r + 2 c t], plus under `wrench` (μ0 m m_tip/4π r³) [3 (κ n·r) r/r² − κ n].
+    """
+    count, magnets = offsets.shape[0], centres.shape[1]
+    for lane in range(seen.shape[0]):
+        row, l = par[lane // LANES], lane % LANES
+        for k in range(count):
+            s = tip[lane] + offsets[k]
+            s -= row[PERIOD + l] * math.floor(s * row[INV_PERIOD + l])
+            piece = min(max(math.floor(s * row[INV_SPACING + l]) + 1.0, 0.0), row[TABLE_LAST + l])
+            u = s - (piece - 1.0) * row[SPACING + l]
+            at = 12 * int(piece + row[TABLE_ROW + l])
+            for m in range(magnets):
+                strength = strengths[lane, m] * row[TIP_MOMENT + l] / scale
+                r2, c, bend = 0.0, 0.0, 0.0
+                for axis in range(3):
+                    b, second, third = table[at + 3 + axis], table[at + 6 + axis], table[at + 9 + axis]
+                    r = table[at + axis] + u * (b + u * (second + u * third)) - centres[lane, m, axis]
+                    t = b + u * (2.0 * second + 3.0 * u * third)
+                    r2 += r * r
+                    c += t * r
+                    bend += (2.0 * second + 6.0 * u * third) * r
+                r1 = math.sqrt(r2)
+                c /= r1
+                for axis in range(3):
+                    b, second, third = table[at + 3 + axis], table[at + 6 + axis], table[at + 9 + axis]
+                    r = table[at + axis] + u * (b + u * (second + u * third)) - centres[lane, m, axis]
+                    t = b + u * (2.0 * second + 3.0 * u * third)
+                    kn = 2.0 * second + 6.0 * u * third
+                    g = 3.0 * ((1.0 - 5.0 * c * c) * r / r1 + 2.0 * c * t) / r1
+                    g += row[WRENCH + l] * (3.0 * bend * r / r2 - kn)
+                    seen[lane, 3 * (m * count + k) + axis] = strength * g / (r2 * r1)

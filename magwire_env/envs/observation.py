@@ -100,6 +100,22 @@ def _preview(core: SteeringCore) -> np.ndarray:
     return seen
 
 
+def _pulls(sim: Simulator) -> Sequence[Number]:
+    return [Number(-1, scale=FORCE_SCALE, quantity="force")] * (3 * len(PREVIEW_OFFSETS) * sim.library.magnet_count)
+
+
+def _pull(core: SteeringCore) -> np.ndarray:
+    sim = core.sim
+    centres = sim.magnet_positions
+    seen = np.empty((sim.num_envs, 3 * len(PREVIEW_OFFSETS) * centres.shape[1]))
+    strengths = np.ascontiguousarray(sim.library.magnets[sim.lane_scenario, : centres.shape[1], 3])
+    kernels.pull_preview(
+        np.array(PREVIEW_OFFSETS), sim.arrays.par, sim.tip_arclength, sim.library.table, centres, strengths,
+        FORCE_SCALE, seen,
+    )  # fmt: skip
+    return seen
+
+
 def _reference(core: SteeringCore) -> np.ndarray:
     return (core.reference_ahead(REFERENCE_OFFSETS) - core.sim.tip_arclength[:, None]) / LENGTH_SCALE
 
@@ -120,6 +136,10 @@ CHANNELS: dict[str, Channel] = {
         10, "centreline 0, 10, 20, 40, 60, 80 mm ahead of the tip: points from the first magnet's centre / 0.1 m, "
         "then tangents",
         _elsewhere(3 * len(PREVIEW_OFFSETS), 3 * len(PREVIEW_OFFSETS), LENGTH_SCALE), _preview,
+    ),
+    "pull_preview": Channel(
+        10, "drive 0, 10, 20, 40, 60, 80 mm ahead of the tip for each magnet's moment along x, y and z, were it a "
+        "point dipole where it now is / 10 mN", _pulls, _pull,
     ),
     "reference_preview": Channel(
         10, "a tracking task's reference now, in 0.5, 1 and 2 s, from the tip / 0.1 m",

@@ -15,6 +15,8 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 import magwire_env
 from magwire_env import Scenario
+from magwire_env.physics import PointDipole
+from magwire_env.scenario import ActuatedMagnet, Rig, Turn
 
 IDS = magwire_env.TASK_IDS
 
@@ -212,6 +214,22 @@ def test_channels_by_name_and_their_layout():
     preview = observation[9:27].reshape(6, 3) * 0.1 + sim.magnet_positions[0, 0]
     ahead = sim.scenarios[0].tract.position(sim.tip_arclength[0] + np.array([0, 0.01, 0.02, 0.04, 0.06, 0.08]))
     assert preview == pytest.approx(ahead, abs=1e-7)
+
+
+@pytest.mark.parametrize("coupling", ["force", "wrench"])
+def test_the_pull_preview_is_the_drive_of_point_dipoles(coupling):
+    """With point magnets, turned as they are, what it says of the tip's own place is the drive itself."""
+    turned = ActuatedMagnet(PointDipole(135.6), (0.02, -0.01, 0.12), (Turn("y", home=1.0), Turn("z", home=0.5)))
+    second = ActuatedMagnet(PointDipole(80.0), (0.0, 0.05, -0.12), (Turn("x", home=2.0),))
+    scenario = Scenario.paper().replace(rig=Rig((turned, second)), coupling=coupling)
+    env = gym.make(IDS[0], scenario=scenario, observe=("drive_force", "pull_preview"))
+    for seed in range(5):
+        observation, _ = env.reset(seed=seed)
+        sim = env.unwrapped.simulator
+        (a, b, c), pull = sim.magnet[0], observation[1:].reshape(2, 6, 3)[:, 0]
+        first = np.array([np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)])
+        moment = np.array([first, [0.0, -np.sin(c), np.cos(c)]])
+        assert (pull * moment).sum() == pytest.approx(observation[0], rel=1e-4, abs=1e-5)
 
 
 def test_coupling_and_scenario_override_the_task(tmp_path):
