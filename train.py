@@ -29,7 +29,7 @@ class Config:
 
     task: str = "MagWire/Steer-v0"
     """Environment id."""
-    algorithm: Literal["ppo", "sac"] = "ppo"
+    algorithm: Literal["ppo", "sac", "tqc", "crossq", "stacked_ppo"] = "ppo"
     """Learning algorithm; its hyperparameters stand in agents/hyperparameters."""
     seed: int = 0
     """Seeds the network, the exploration and the training episodes (lane i has seed + i)."""
@@ -72,9 +72,11 @@ def main(config: Config) -> dict[str, Any]:
         return {}
 
     # 2. Evaluate the best model beside the paper's own policy and two floors, all on the same episodes.
-    policies = {"trained " + run.algorithm.upper(): load(run.folder)}
-    policies |= {name: CONTROLLERS[name].from_env for name in ("MaxForce", "ConstantRotation", "Random")}
-    rows = [evaluate(policy, run.task, config.episodes, name=name, **run.held_out) for name, policy in policies.items()]
+    name = "trained " + run.algorithm.upper()
+    rows = [evaluate(load(run.folder), run.task, config.episodes, name=name, **run.held_out)]
+    for other in ("MaxForce", "ConstantRotation", "Random"):
+        controller = CONTROLLERS[other].from_env
+        rows.append(evaluate(controller, run.task, config.episodes, name=other, **run.same_episodes))
 
     # 3. Leave the results and say them.
     results = {row.policy: row.to_json() for row in rows}
@@ -83,7 +85,7 @@ def main(config: Config) -> dict[str, Any]:
 
     # 4. Pictures of what it does: plots, and a video where the extra that draws it is installed.
     try:
-        leave_in(run.folder, "trained " + run.algorithm.upper(), run.task, **run.env_settings)
+        leave_in(run.folder, name, run.task, **run.env_settings)
     except gym.error.DependencyNotInstalled as missing:
         print(f"no video: {missing}")
     return results

@@ -1,7 +1,8 @@
 """Learning with Stable-Baselines3: the native batch as its vec env, and models that keep their normalisation.
 
 A trained model is a folder with ``model.zip`` (SB3's own), ``normalization.pkl`` (the running means it was trained
-under) and ``model.json`` (task, algorithm, env settings), and `load` gives back a policy that applies all of it.
+under) and ``model.json`` (task, algorithm, env settings, frames stacked), and `load` gives back a policy that applies
+all of it.
 """
 
 from __future__ import annotations
@@ -16,11 +17,13 @@ import gymnasium as gym
 import numpy as np
 import yaml
 from gymnasium.vector import AutoresetMode
+from sb3_contrib import TQC, CrossQ
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecNormalize
 
 import magwire_env  # noqa: F401  (registers the ids)
+from magwire_env.envs.task import TASKS
 from magwire_env.envs.vector_env import MagWireVectorEnv
 
 __all__ = [
@@ -36,7 +39,9 @@ __all__ = [
     "save",
 ]
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC, "tqc": TQC, "crossq": CrossQ, "stacked_ppo": PPO}
+"""``stacked_ppo`` is PPO that remembers: it sees the last few observations, of forces and magnet alone."""
+
 _YAML = Path(__file__).parent / "hyperparameters"
 
 
@@ -109,25 +114,38 @@ class NativeVecEnv(VecEnv):
 
 
 def hyperparameters(algorithm: str, task: str) -> dict[str, Any]:
-    """The task's entry of ``agents/hyperparameters/<algorithm>.yml``, on top of its ``default``."""
-    path = _YAML / f"{algorithm}.yml"
+    """The task's entry of ``agents/hyperparameters/<algorithm>.yml``, on top of its ``default``.
+
+    The env's settings stand in ``tasks.yml`` for all algorithms, and in the algorithm's own where it departs.
+    """
     if algorithm not in ALGORITHMS:
         raise ValueError(f"algorithm must be one of {', '.join(map(repr, ALGORITHMS))}, got {algorithm!r}")
     # Keys with a leading dot are blocks that tasks share.
-    entries = yaml.safe_load(path.read_text(encoding="utf-8"))
-    return {**entries["default"], **(entries.get(task) or {})}
+    entries, tasks = _entries(algorithm), _entries("tasks")
+    found = {**entries["default"], **(entries.get(task) or {})}
+    env = {**(tasks.get(task) or {}), **found.get("env", {})}
+    if "pool_size" in env and (task not in TASKS or TASKS[task].pool is None):
+        del env["pool_size"]  # one default serves tasks with a pool and without
+    return {**found, "env": env}
 
 
-def make_vec_env(task: str, n_envs: int, seed: int | None = None, **settings: Any) -> NativeVecEnv:
-    """The native batch of `task` for SB3."""
+def _entries(name: str) -> dict[str, Any]:
+    return yaml.safe_load((_YAML / f"{name}.yml").read_text(encoding="utf-8"))
+
+
+def make_vec_env(
+    task: str, n_envs: int, seed: int | None = None, frame_stack: int = 1, **settings: Any
+) -> NativeVecEnv | VecFrameStack:
+    """The native batch of `task` for SB3; with `frame_stack` an observation is that many, the newest last."""
     env = gym.make_vec(task, num_envs=n_envs, autoreset_mode="SameStep", **settings).unwrapped
     if not isinstance(env, MagWireVectorEnv):
         raise ValueError(f"task must be an id of MagWire/…, got {task!r}")
-    return NativeVecEnv(env, seed)
+    venv = NativeVecEnv(env, seed)
+    return VecFrameStack(venv, frame_stack) if frame_stack > 1 else venv
 
 
 def make_model(
-    algorithm: str, venv: NativeVecEnv, seed: int, settings: dict[str, Any], tensorboard: Path | None = None
+    algorithm: str, venv: VecEnv, seed: int, settings: dict[str, Any], tensorboard: Path | None = None
 ) -> BaseAlgorithm:
     """An untrained SB3 model on `venv` under running normalisation; `settings` as in the YAML, without the batch's."""
     settings = dict(settings)
@@ -161,10 +179,14 @@ def _schedule(text: str) -> Any:
 
 
 class TrainedPolicy:
-    """A trained model with its normalisation, answering SB3's ``predict`` on the env's raw observations."""
+    """A trained model with its normalisation, answering SB3's ``predict`` on the env's raw observations.
+
+    One that was trained on stacked frames keeps the frames in its state.
+    """
 
     def __init__(self, model: BaseAlgorithm, normalization: VecNormalize | None, meta: dict[str, Any]) -> None:
         self.model, self.normalization, self.meta = model, normalization, meta
+        self._frames = int(meta.get("frame_stack", 1))
 
     def predict(
         self,
@@ -174,16 +196,28 @@ class TrainedPolicy:
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
         """As SB3's: observation (size,) or (n, size) → action and state."""
+        if self._frames > 1:
+            observation = state = self._stacked(observation, state, episode_start)
         if self.normalization is not None:
             normal = self.normalization.normalize_obs(observation)
         else:
             normal = observation
-        return self.model.predict(normal, state=state, episode_start=episode_start, deterministic=deterministic)
+        action, own = self.model.predict(normal, state=state, episode_start=episode_start, deterministic=deterministic)
+        return action, state if self._frames > 1 else own
+
+    def _stacked(self, observation: np.ndarray, frames: np.ndarray | None, starts: np.ndarray | None) -> np.ndarray:
+        """The last frames with the newest, (…, frames · size); nothing but the newest where an episode starts."""
+        size = np.shape(observation)[-1]
+        if frames is None:
+            frames = np.zeros((*np.shape(observation)[:-1], self._frames * size), dtype=np.float32)
+        elif starts is not None:
+            frames = np.where(np.reshape(starts, np.shape(observation)[:-1])[..., None], np.float32(0.0), frames)
+        return np.concatenate([frames[..., size:], observation], axis=-1)
 
 
-def frozen(model: BaseAlgorithm) -> TrainedPolicy:
+def frozen(model: BaseAlgorithm, meta: dict[str, Any]) -> TrainedPolicy:
     """The policy of a model as it stands, for an evaluation while training."""
-    return TrainedPolicy(model, model.get_vec_normalize_env(), {})
+    return TrainedPolicy(model, model.get_vec_normalize_env(), meta)
 
 
 def save(model: BaseAlgorithm, folder: Path, meta: dict[str, Any]) -> None:
@@ -223,7 +257,7 @@ def load_parts(
     try:
         env = meta.get("env", {})
         smallest = {"pool_size": 1} if "pool_size" in env else {}  # only its spaces are asked for
-        dummy = venv or make_vec_env(meta["task"], 1, **(env | smallest))
+        dummy = venv or make_vec_env(meta["task"], 1, frame_stack=meta.get("frame_stack", 1), **(env | smallest))
         normalization = VecNormalize.load(str(folder / "normalization.pkl"), dummy)
     except Exception as error:
         raise ValueError(f"{folder / 'normalization.pkl'} is damaged or of another program: {error}") from error

@@ -131,6 +131,8 @@ def plots(policy: Any, name: str, folder: Path, task: str, seed: int = EVALUATIO
     """path.png (the way over the force map; not for rigs of several freedoms) and arclength.png, one episode."""
     folder.mkdir(parents=True, exist_ok=True)
     traces = [trace(policy, name, task, seed, **settings)]
+    # What a trained model sees and how it acts is its own: a controller takes the task's observation and action.
+    settings = {k: v for k, v in settings.items() if k not in ("observe", "action_mode")}
     for other in BESIDE:
         if other in CONTROLLERS and other != name:
             traces.append(trace(CONTROLLERS[other].from_env, other, task, seed, **settings))

@@ -20,14 +20,18 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
 from magwire_env.envs.task import TASKS
+from magwire_env.simulation.pool import scenario_pool
 
 from .evaluation import EVALUATION_SEED, evaluate
 from .learning import frozen, hyperparameters, load_parts, make_model, make_vec_env, save
 
-__all__ = ["Run", "learn", "learning_curve"]
+__all__ = ["Run", "learn", "learning_curve", "read_curve"]
 
 VALIDATION_SEED = EVALUATION_SEED + 500_000
 """Held-out seeds for choosing the best model: neither training's nor the final evaluation's."""
+
+VALIDATION_EPISODES, VALIDATION_POOL = 100, 1
+"""Episodes that choose it, and the seed of the pool that a generated task's tracts then come from."""
 
 _PACKAGES = ("magwire-env", "gymnasium", "stable-baselines3", "torch", "numba", "numpy", "scipy")
 
@@ -42,8 +46,10 @@ class Run:
     resume: bool = False
 
     @classmethod
-    def open(cls, config: Any) -> Run:
+    def open(cls, config: Any, changes: dict[str, Any] | None = None) -> Run:
         """Make the folder of a new run, or find that of one to resume.
+
+        changes : to the YAML's hyperparameters; a dotted name reaches into a block
 
         Raises `FileExistsError` for a run folder that exists without `resume`, `FileNotFoundError` for one to resume
         that does not; an existing folder is never written into otherwise.
@@ -53,7 +59,7 @@ class Run:
             if config.run is None or not (Path(config.run) / "config.json").exists():
                 raise FileNotFoundError(f"--resume needs --run with a run's folder, got {config.run}")
             return cls.at(Path(config.run))
-        settings = hyperparameters(config.algorithm, config.task)
+        settings = _changed(hyperparameters(config.algorithm, config.task), changes or {})
         settings["n_timesteps"] = config.timesteps or settings["n_timesteps"]
         settings["n_envs"] = config.n_envs or settings["n_envs"]
         for name in ("timesteps", "n_envs", "episodes"):
@@ -95,9 +101,31 @@ class Run:
         return self.env_settings | ({"split": "test"} if drawn else {})
 
     @property
+    def same_episodes(self) -> dict[str, Any]:
+        """Keyword arguments of an env with the final evaluation's episodes and the task's own observation and action:
+        what a controller needs."""
+        return {k: v for k, v in self.held_out.items() if k in ("scenario", "split")}
+
+    @property
+    def validation(self) -> dict[str, Any]:
+        """Keyword arguments of the env that chooses the best model: a generated task's tracts are then a pool of their
+        own, neither training's nor the test split's, since a policy may learn its own tracts by heart."""
+        pool = TASKS[self.task].pool
+        if pool is None or self.config["scenario"] is not None:
+            return self.env_settings
+        settings = {k: v for k, v in self.env_settings.items() if k not in ("split", "pool_size")}
+        return settings | {"scenario": list(scenario_pool(pool, "train", VALIDATION_EPISODES, VALIDATION_POOL))}
+
+    @property
     def meta(self) -> dict[str, Any]:
         """What a saved model says of itself."""
-        return {"task": self.task, "algorithm": self.algorithm, "seed": self.config["seed"], "env": self.env_settings}
+        return {
+            "task": self.task,
+            "algorithm": self.algorithm,
+            "seed": self.config["seed"],
+            "env": self.env_settings,
+            "frame_stack": self.settings.get("frame_stack", 1),
+        }
 
     def write(self, name: str, content: Any) -> None:
         """A JSON file of the folder."""
@@ -109,7 +137,8 @@ def learn(run: Run) -> bool:
     settings = dict(run.settings)
     n_envs, total, _ = settings.pop("n_envs"), settings.pop("n_timesteps"), settings.pop("env", None)
     torch.set_num_threads(run.config["threads"])
-    venv = make_vec_env(run.task, n_envs, seed=run.config["seed"], **run.env_settings)
+    frames = settings.pop("frame_stack", 1)
+    venv = make_vec_env(run.task, n_envs, seed=run.config["seed"], frame_stack=frames, **run.env_settings)
     if run.resume:
         model, _, _ = load_parts(run.folder / "last", venv)
         model.tensorboard_log = str(run.folder / "tensorboard")
@@ -137,6 +166,7 @@ class Progress(BaseCallback):
         self._best = self._best_so_far()
         self._next = 0
         self._every = max(1, total // max(1, run.config["evaluations"]))
+        self._held_out = run.validation
         self._started = time.perf_counter()
 
     def _on_training_start(self) -> None:
@@ -156,7 +186,8 @@ class Progress(BaseCallback):
             self._evaluate()
 
     def _evaluate(self) -> None:
-        episodes = evaluate(frozen(self.model), self.run.task, 100, VALIDATION_SEED, **self.run.env_settings)
+        policy = frozen(self.model, self.run.meta)
+        episodes = evaluate(policy, self.run.task, VALIDATION_EPISODES, VALIDATION_SEED, **self._held_out)
         result = episodes.summary()
         self.logger.record("eval/success_rate", result["success_rate"])
         self.logger.record("eval/median_time_s", result["median_time_s"])
@@ -181,13 +212,13 @@ class Progress(BaseCallback):
             save(self.model, self.run.folder / "best", self.run.meta)
 
     def _best_so_far(self) -> tuple[float, float]:
-        scores = [_score(r["success_rate"], r["median_time_s"]) for r in _read_curve(self.curve)]
+        scores = [_score(r["success_rate"], r["median_time_s"]) for r in read_curve(self.curve)]
         return max(scores, default=(-1.0, 0.0))
 
 
 def learning_curve(run: Run, folder: Path | None = None) -> None:
     """learning_curve.png: success rate and median time to goal on held-out episodes, over environment steps."""
-    rows = _read_curve(run.folder / "learning_curve.csv")
+    rows = read_curve(run.folder / "learning_curve.csv")
     if not rows:
         return
     import matplotlib
@@ -208,7 +239,8 @@ def learning_curve(run: Run, folder: Path | None = None) -> None:
     plt.close(figure)
 
 
-def _read_curve(path: Path) -> list[dict[str, float]]:
+def read_curve(path: Path) -> list[dict[str, float]]:
+    """The rows of a learning_curve.csv; none if there is no file yet."""
     if not path.exists():
         return []
     with path.open(newline="", encoding="utf-8") as file:
@@ -241,6 +273,14 @@ def _interruptible(progress: Progress) -> Iterator[None]:
 
 def _env_settings(config: dict[str, Any]) -> dict[str, Any]:
     return {} if config["scenario"] is None else {"scenario": config["scenario"]}
+
+
+def _changed(settings: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    settings = dict(settings)
+    for name, value in changes.items():
+        block, _, inner = name.partition(".")
+        settings[block] = {**settings.get(block, {}), inner: value} if inner else value
+    return settings
 
 
 def _free_folder(config: Any) -> Path:

@@ -14,10 +14,15 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
+import yaml
+from stable_baselines3.common.vec_env import VecFrameStack
 
 import train
 from agents.cli import main as magwire
-from agents.learning import NativeVecEnv, hyperparameters, load, make_vec_env
+from agents.learning import NativeVecEnv, frozen, hyperparameters, load, make_model, make_vec_env
+from agents.training import Run
+from agents.tuning import SPACES, Tune, tune
+from magwire_env.simulation.pool import scenario_pool
 
 ID = "MagWire/Steer-v0"
 ROOT = Path(train.__file__).parent
@@ -120,10 +125,54 @@ def test_ctrl_c_saves_and_resume_goes_on(tmp_path):
     assert results["MaxForce"]["summary"]["episodes"] == 4
 
 
-def test_sac_trains_too(tmp_path):
-    settings = SMALL | {"timesteps": 1024, "evaluations": 1, "episodes": 2}
-    results = train.main(train.Config(run=tmp_path / "sac", algorithm="sac", **settings))
-    assert "trained SAC" in results
+@pytest.mark.parametrize("algorithm", ["sac", "tqc", "crossq", "stacked_ppo"])
+def test_the_other_algorithms_train_too(tmp_path, algorithm):
+    settings = SMALL | {"timesteps": 2048, "n_envs": 64, "evaluations": 1, "episodes": 2}
+    results = train.main(train.Config(run=tmp_path / algorithm, algorithm=algorithm, **settings))
+    assert f"trained {algorithm.upper()}" in results
+    policy = load(tmp_path / algorithm)
+    env = gym.make(ID, **policy.meta["env"])
+    assert env.action_space.contains(policy.predict(env.reset(seed=0)[0])[0])
+
+
+def test_a_policy_of_stacked_frames_sees_what_sb3_showed_it():
+    venv = make_vec_env(ID, 3, seed=0, frame_stack=4, time_limit=0.3)
+    model = make_model("stacked_ppo", venv, 0, {"normalize": {}})
+    policy = frozen(model, {"frame_stack": 4})
+    assert isinstance(venv, VecFrameStack)
+    raw = NativeVecEnv(gym.make_vec(ID, num_envs=3, autoreset_mode="SameStep", time_limit=0.3).unwrapped, seed=0)
+    stacked, newest, state, starts = venv.reset(), raw.reset(), None, np.ones(3, dtype=bool)
+    for _ in range(7):  # two ends of episodes among them
+        actions, state = policy.predict(newest, state=state, episode_start=starts)
+        assert np.array_equal(state, stacked)
+        stacked, _, starts, _ = venv.step(actions)
+        newest = raw.step(actions)[0]
+    one, _ = policy.predict(newest[0])
+    assert one.shape == (1,)
+
+
+def test_generated_tasks_choose_their_model_on_tracts_of_neither_training_nor_test(tmp_path):
+    config = train.Config(run=tmp_path / "r", task="MagWire/SteerAny-v0", **SMALL)
+    run = Run.open(config, {"env": {"pool_size": 2}})
+    chosen_on = set(run.validation["scenario"])
+    for split in ("train", "test"):
+        assert not chosen_on & set(scenario_pool("SteerAny", split, 2))
+
+
+def test_a_study_is_written_with_its_trials(tmp_path):
+    options = Tune(trials=2, timesteps=1024, algorithm="ppo", out=tmp_path)
+    study = yaml.safe_load(tune(options).read_text())
+    assert [set(t) - {"value", "seconds"} for t in study["trials"]] == [set(SPACES["ppo"])] * 2
+    given = hyperparameters("ppo", ID)
+    first = study["trials"][0]
+    assert first["n_steps"] == given["n_steps"]
+    assert first["learning_rate"] == "lin_0.001"
+    assert first["policy_kwargs.log_std_init"] == given["policy_kwargs"]["log_std_init"]
+    assert study["best"]["value"] == max(t["value"] for t in study["trials"])
+    with pytest.raises(ValueError, match="algorithm must be one of 'ppo'"):
+        tune(Tune(algorithm="dqn", out=tmp_path))
+    with pytest.raises(ValueError, match="trials must be at least 1, got 0"):
+        tune(Tune(trials=0, out=tmp_path))
 
 
 def test_the_adapter_gives_sb3_what_it_wants():
@@ -142,7 +191,7 @@ def test_the_adapter_gives_sb3_what_it_wants():
 
 
 def test_hyperparameters_of_an_unknown_algorithm():
-    with pytest.raises(ValueError, match="algorithm must be one of 'ppo', 'sac', got 'dqn'"):
+    with pytest.raises(ValueError, match=r"algorithm must be one of 'ppo', 'sac', .*got 'dqn'"):
         hyperparameters("dqn", ID)
 
 
