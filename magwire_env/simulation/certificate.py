@@ -21,7 +21,7 @@ from .batch import Library
 from .netforce import greatest
 from .simulator import Simulator
 
-__all__ = ["Certificate", "certificate", "certify"]
+__all__ = ["Certificate", "certificate", "certify", "traverse"]
 
 _TRUST, _TRUST_BEND = 20e-6, 0.02
 """How far the balance is trusted: to 20 µN, a controller's command not being quite the best, and to 2 % of what the
@@ -230,9 +230,9 @@ def _judged(
         reserve = _TRUST + _TRUST_BEND * 0.5 * sc.wire.bending_rigidity * float((sc.tract.curvature(way) ** 2).max())
     mass = sc.wire.mass + (sc.tip.mass or 0.0)
     turning = (np.abs(np.diff(commands, axis=0)) / [d.speed for d in sc.rig.dofs]).max(axis=1)
-    speed, seconds = _run(way, margin, growth, mass)
+    speed, seconds = traverse(way, margin, growth, mass)
     time = float(np.maximum(seconds, turning).sum())
-    _, seconds = _run(way, margin + reserve, growth, mass)
+    _, seconds = traverse(way, margin + reserve, growth, mass)
     late = np.flatnonzero(np.maximum(seconds, turning).cumsum() > time_limit)
     for array in (arrays := (way, margin, commands, speed)):
         array.flags.writeable = False
@@ -243,7 +243,7 @@ def _judged(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _run(way, margin, growth, mass):
+def traverse(way, margin, growth, mass):
     """Speeds (n,) m/s of a wire set off at rest, and times (n − 1,) s from place to place; from its stop on 0 and ∞.
 
     d(½ m v²)/ds = margin − growth·v, the drag taken at the step's end.

@@ -1,0 +1,197 @@
+"""Model-predictive path integral control: noisy plans tried in the simulator, the better ones averaged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from magwire_env.physics.checks import in_range, positive, whole
+from magwire_env.simulation import Simulator, SimulatorState, Trajectories
+
+from .base import Controller
+from .seen import aim_seen, magnet_seen, tip_seen
+from .way import Way
+
+__all__ = ["MPPI", "MPPISettings"]
+
+_BEFORE_THE_TIP = (-0.02, 0.0, 0.01, 0.02, 0.04)
+"""Places whose best command is tried as a constant plan, m ahead of the tip."""
+
+_LEADS = (0, 1, 2)
+"""Control periods by which plans along the predicted path run ahead of it."""
+
+_GOOD = 0.2
+"""Share of the plans whose costs set the temperature's scale."""
+
+
+@dataclass(frozen=True)
+class MPPISettings:
+    """The knobs of `MPPI`.
+
+    samples : plans tried in an iteration
+    horizon : control periods a plan is long
+    iterations : rounds of trying and averaging that a decision takes
+    knots : places of the horizon at which noise is drawn; it runs straight between them
+    temperature : of the weights, over what a fifth of the plans stay within of the best
+    noise : standard deviation of the widest noise, in what a servo covers in a control period
+    finest : of the finest noise, over the widest; the others lie between, in geometric steps
+    seed : of the noise, which is the same for all lanes and decisions
+    fade : weight of a tracking error over that of the one a control period before
+    settle : a reaching task's target counts as reached within this share of the tolerance
+    spacing : m between the places where best commands are tabulated
+    """
+
+    samples: int = 128
+    horizon: int = 8
+    iterations: int = 2
+    knots: int = 4
+    temperature: float = 0.05
+    noise: float = 3.0
+    finest: float = 0.01
+    seed: int = 0
+    fade: float = 0.8
+    settle: float = 0.5
+    spacing: float = 2e-3
+
+    def __post_init__(self) -> None:
+        for name, least in (("samples", 32), ("horizon", 2), ("iterations", 1), ("knots", 2), ("seed", 0)):
+            whole(f"MPPISettings.{name}", getattr(self, name), least)
+        for name, unit in (("temperature", ""), ("noise", ""), ("spacing", "m")):
+            positive(f"MPPISettings.{name}", getattr(self, name), unit)
+        for name in ("finest", "fade", "settle"):
+            in_range(f"MPPISettings.{name}", positive(f"MPPISettings.{name}", getattr(self, name)), 0.0, 1.0)
+
+
+class MPPI(Controller):
+    """Tries noisy plans out in the simulator from where the tip seems to be, and averages the better ones.
+
+    Knows: the model (the simulator under the scenario's nominal numbers), the tip's arc length and speed, where the
+    magnets are, and what the task wants: the way left, or the reference up to 2 s ahead.
+
+    Each decision starts from the last plan, moved on by a period. Beside noise on it stand plans that hold or follow
+    the commands of greatest net force, either way the task asks for, so that it finds its way where one has to lead
+    through. Plans weigh by exp(−excess cost / temperature) (Williams et al., "Information-theoretic model predictive
+    control", 2018), with noises of many widths side by side in place of one tuned covariance. The cost is
+
+    - steering: the time to the goal; beyond the horizon, what is left at the speed of greatest net force (`Way`)
+    - reaching: the time away from the target, and beyond the horizon the time to it
+    - tracking: the squared distance to the reference
+
+    settings : the knobs; or give single ones by name
+    """
+
+    def __init__(self, env: gym.Env | gym.vector.VectorEnv, settings: MPPISettings | None = None, **knobs: Any) -> None:
+        super().__init__(env)
+        if settings is not None and knobs:
+            raise ValueError(f"settings must not come with single knobs, got {', '.join(knobs)}")
+        self.settings = c = settings or MPPISettings(**knobs)
+        sim, self._kind = self.core.sim, self.core.task.kind
+        self._model = Simulator(sim.library.scenarios, sim.num_envs, lane_scenario=sim.lane_scenario)
+        self._ways = [Way(sim.library, c.spacing, way) for way in ((1,) if self._kind == "steer" else (1, -1))]
+        led = len(self._ways) * (len(_BEFORE_THE_TIP) + len(_LEADS))
+        self._noise = _noise(c, c.samples - led, sim.dof)
+
+    def act(self, observation, state, starts, deterministic):
+        sim, c = self._model, self.settings
+        self._follow_assignments()
+        tip, wires = self._wires(observation)
+        aim = aim_seen(self, observation, sim.control_period * np.arange(1, c.horizon + 1))
+        held = self._ways[0].command(sim.lane_scenario, tip)[:, None].repeat(c.horizon, axis=1)
+        plan = held if state is None else np.where(starts[:, None, None], held, state[0])
+        path = tip[:, None].repeat(c.horizon, axis=1)
+        for _ in range(c.iterations):
+            plan, path = self._improved(plan, path, wires, tip, aim)
+        action = self.core.actuation.action(plan[:, 0])
+        return action, (np.concatenate([plan[:, 1:], plan[:, -1:]], axis=1),)
+
+    # --- what is seen -----------------------------------------------------------------------------------------------
+
+    def _follow_assignments(self) -> None:
+        """Give the model's lanes the scenarios that the env's have by now."""
+        now = self.core.sim.lane_scenario
+        changed = np.flatnonzero(self._model.lane_scenario != now)
+        if len(changed):
+            self._model.assign(changed, now[changed])
+
+    def _wires(self, observation: np.ndarray) -> tuple[np.ndarray, SimulatorState]:
+        """Tips (n,) m and wires as far as they are seen: at their rest length behind the tip, all nodes as fast."""
+        tip, speed = tip_seen(self, observation)
+        self._model.reset(tip, magnet_seen(self, observation))
+        laid = self._model.state()
+        velocities = np.broadcast_to(speed[:, None], laid.arclengths.shape)
+        return tip, SimulatorState(laid.arclengths, velocities, laid.magnet, laid.time, laid.lanes)
+
+    # --- what is tried ----------------------------------------------------------------------------------------------
+
+    def _improved(
+        self, plan: np.ndarray, path: np.ndarray, wires: SimulatorState, tip: np.ndarray, aim: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """One iteration: plan (n, H, dof) and its path (n, H) m → a better plan and the best path found."""
+        sim, c = self._model, self.settings
+        speed, low, high = sim.library.dofs[sim.lane_scenario].transpose(2, 0, 1)[:, :, None, None]
+        noisy = plan[:, None] + self._noise * (speed * sim.control_period)
+        tried = np.concatenate([noisy, self._led(tip, path)], axis=1)
+        tried = np.where(sim.library.is_turn, tried, np.clip(tried, low, high))
+        moves = sim.rollout(wires, tried)
+        cost = self._cost(moves, tip, aim)
+        rows, best, count = np.arange(len(tip)), cost.argmin(axis=1), noisy.shape[1]
+        excess = cost[:, :count] - cost[:, :count].min(axis=1, keepdims=True)
+        scale = c.temperature * np.quantile(excess, _GOOD, axis=1, keepdims=True)
+        weights = np.exp(-excess / np.maximum(scale, 1e-12))
+        weights /= weights.sum(axis=1, keepdims=True)
+        mean = (weights[:, :, None, None] * tried[:, :count]).sum(axis=1)
+        # An average is of plans of one kind: where one of another kind is best, it is taken as it is.
+        better = np.where((best < count)[:, None, None], mean, tried[rows, best])
+        return better, moves.tip_arclength[rows, best]
+
+    def _led(self, tip: np.ndarray, path: np.ndarray) -> np.ndarray:
+        """Plans (n, E, H, dof) that hold the best command for a place ahead, or follow them along `path` (n, H) m."""
+        c, entries, plans = self.settings, self._model.lane_scenario, []
+        for way in self._ways:
+            for ahead in _BEFORE_THE_TIP:
+                plans.append(way.command(entries, tip + way.direction * ahead)[:, None].repeat(c.horizon, axis=1))
+            for lead in _LEADS:
+                at = np.minimum(np.arange(c.horizon) + lead, c.horizon - 1)
+                plans.append(way.command(entries[:, None], path[:, at]))
+        return np.stack(plans, axis=1)
+
+    # --- what it is worth -------------------------------------------------------------------------------------------
+
+    def _cost(self, moves: Trajectories, tip: np.ndarray, aim: np.ndarray) -> np.ndarray:
+        """Of every plan, (n, K); s, or a tracking task's squares in m²."""
+        gap = aim[:, None] - moves.tip_arclength
+        if self._kind == "track":
+            return gap**2 @ self.settings.fade ** np.arange(gap.shape[2])
+        entries, goal = self._model.lane_scenario[:, None], aim[:, -1:]
+        end, speed = moves.tip_arclength[..., -1], moves.tip_velocity[..., -1]
+        forth = self._ways[0]
+        left = forth.time(entries, end + forth.coast[entries] * speed, goal)
+        if self._kind == "steer":
+            return self._time_to_goal(gap, goal - tip[:, None], left) + (moves.tip_arclength < 0.0).sum(axis=2)
+        band = self.settings.settle * self.core.task.tolerance
+        # Almost flat far away, where it is the time; but never quite, so that every millimetre counts.
+        away = self._model.control_period * np.minimum((gap / band) ** 2, 1.0 + 0.1 * np.abs(gap) / band).sum(axis=2)
+        return away + np.where(gap[..., -1] > 0, left, self._ways[1].time(entries, end, goal))
+
+    def _time_to_goal(self, gap: np.ndarray, first: np.ndarray, left: np.ndarray) -> np.ndarray:
+        """Of plans with `gap` (n, K, H) m to the goal, `first` (n, 1) before; a crossing is timed within its period."""
+        before = np.concatenate([np.broadcast_to(first[..., None], (*gap.shape[:2], 1)), gap[..., :-1]], axis=2)
+        share = np.clip(before / np.maximum(before - gap, 1e-9), 0.0, 1.0)
+        share[np.minimum.accumulate(before, axis=2) <= 0.0] = 0.0
+        return share.sum(axis=2) * self._model.control_period + np.where(
+            gap.min(axis=2) <= 0, 0.0, np.maximum(left, 0.0)
+        )
+
+
+def _noise(c: MPPISettings, count: int, dof: int) -> np.ndarray:
+    """(count, H, dof), in what a servo covers in a period: the first none, the others in pairs of opposite sign."""
+    pairs = (count - 1) // 2
+    width = c.noise * c.finest ** np.linspace(1.0, 0.0, pairs)
+    drawn = np.random.default_rng(c.seed).standard_normal((pairs, c.knots, dof)) * width[:, None, None]
+    at = np.linspace(0.0, c.knots - 1, c.horizon)
+    shares = np.maximum(1.0 - np.abs(at[:, None] - np.arange(c.knots)), 0.0)  # of each knot in each period
+    smooth = np.einsum("hk,pkd->phd", shares, drawn)
+    return np.concatenate([np.zeros((1, c.horizon, dof)), smooth, -smooth])

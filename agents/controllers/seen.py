@@ -1,0 +1,56 @@
+"""What model-based controllers make of the observation: where the tip is, where the magnets are, where to go."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from magwire_env.envs.observation import LENGTH_SCALE, REFERENCE_OFFSETS, SPEED_SCALE
+
+from .base import Controller
+
+__all__ = ["aim_seen", "magnet_seen", "tip_seen"]
+
+
+def tip_seen(controller: Controller, observation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The tip's arc length (n,) m and speed (n,) m/s."""
+    sim = controller.core.sim
+    tip = controller.seen(observation, "tip_arclength")[:, 0] * sim.library.tract_length[sim.lane_scenario]
+    return tip, controller.seen(observation, "tip_speed")[:, 0].astype(np.float64) * SPEED_SCALE
+
+
+def magnet_seen(controller: Controller, observation: np.ndarray) -> np.ndarray:
+    """Where the degrees of freedom are, (n, dof): rad, within π of home, and m."""
+    library, seen, at = controller.core.sim.library, controller.seen(observation, "magnet").astype(np.float64), 0
+    low, high = library.dofs[controller.core.sim.lane_scenario, :, 1:].transpose(2, 0, 1)
+    magnet = (low + high) / 2
+    for d, turn in enumerate(library.is_turn):
+        if turn:
+            magnet[:, d] += np.arctan2(seen[:, at], seen[:, at + 1])
+        else:
+            magnet[:, d] += seen[:, at] * (high - low)[:, d] / 2
+        at += 2 if turn else 1
+    return magnet
+
+
+def aim_seen(controller: Controller, observation: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Where the tip should be `times` (k,) s from now, (n, k) m: the goal, or a tracking task's reference.
+
+    The reference is the polynomial through what `reference_preview` shows of it, and stands still after that.
+    """
+    tip, _ = tip_seen(controller, observation)
+    if controller.core.task.kind == "track":
+        ahead = controller.seen(observation, "reference_preview").astype(np.float64) * LENGTH_SCALE
+        offsets = np.array(REFERENCE_OFFSETS)
+        return tip[:, None] + ahead @ _lagrange(offsets, np.minimum(times, offsets[-1]))
+    sim = controller.core.sim
+    left = controller.seen(observation, "distance_left")[:, 0] * sim.library.tract_length[sim.lane_scenario]
+    return np.repeat((tip + left)[:, None], len(times), axis=1)
+
+
+def _lagrange(knots: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Shares (knots, times) of values at `knots` in their polynomial at `times`."""
+    shares = np.ones((len(knots), len(times)))
+    for i, a in enumerate(knots):
+        for b in np.delete(knots, i):
+            shares[i] *= (times - b) / (a - b)
+    return shares

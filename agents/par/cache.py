@@ -1,0 +1,100 @@
+"""Plans kept on disk, one file an episode, under a digest of all that a plan depends on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+import warnings
+import zipfile
+from dataclasses import asdict
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from magwire_env.scenario import Scenario
+
+from .starts import Starts
+
+__all__ = ["VERSION", "Cache", "default_folder"]
+
+VERSION = 2
+"""Goes up when the planner finds other plans."""
+
+
+def default_folder() -> Path:
+    """``$MAGWIRE_CACHE/par``, or ``~/.cache/magwire/par``."""
+    own = os.environ.get("MAGWIRE_CACHE")
+    return (Path(own) if own else Path.home() / ".cache" / "magwire") / "par"
+
+
+class Cache:
+    """Plans in a folder, made when the first is stored.
+
+    folder : by default `default_folder`
+    """
+
+    def __init__(self, folder: str | Path | None = None) -> None:
+        self.folder = default_folder() if folder is None else Path(folder)
+
+    def keys(self, starts: Starts, settings: Any) -> list[str]:
+        """A digest an episode: of its scenario, task, start, goal or reference, the planner's settings and version."""
+        task = starts.task
+        common = [VERSION, task.kind, task.tolerance, task.hold, starts.step_limit, asdict(settings)]
+        if task.kind != "reach":
+            common[2:4] = [None, None]
+        head = json.dumps(common, sort_keys=True).encode()
+        return [self._key(head, starts, i) for i in range(len(starts))]
+
+    def _key(self, head: bytes, starts: Starts, i: int) -> str:
+        digest = hashlib.sha256(head)
+        digest.update(_digest_of(starts.library.scenarios[starts.entries[i]]).encode())
+        numbers = [starts.tip[i : i + 1], starts.magnet[i], starts.goal[i : i + 1], starts.reference[i]]
+        digest.update(np.concatenate(numbers).astype(np.float64).tobytes())
+        return digest.hexdigest()[:40]
+
+    def path(self, key: str) -> Path:
+        """The file of a plan."""
+        return self.folder / key[:2] / f"{key}.npz"
+
+    def load(self, key: str) -> tuple[np.ndarray, float] | None:
+        """A plan (H, dof) of actions and its value; None if there is none or, with a warning, a damaged file."""
+        path = self.path(key)
+        try:
+            with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+                plan, value = np.array(file["plan"], dtype=np.float32), float(file["value"])
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as failure:
+            warnings.warn(f"{path} is damaged and its plan is made again: {failure}", stacklevel=2)
+            return None
+        if plan.ndim != 2 or not np.isfinite(plan).all() or not np.isfinite(value):
+            warnings.warn(f"{path} holds no plan, which is made again: shape {plan.shape}", stacklevel=2)
+            return None
+        return plan, value
+
+    def store(self, key: str, plan: np.ndarray, value: float) -> None:
+        """Put a plan on disk, whole or not at all."""
+        path = self.path(key)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                np.savez_compressed(file, plan=plan, value=np.float64(value))
+            os.replace(name, path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+
+
+@lru_cache(maxsize=4096)
+def _digest_of(scenario: Scenario) -> str:
+    """Of the scenario as it is saved, but for its name and for what readings suffer."""
+    plain = scenario.replace(name="", sensing=type(scenario.sensing)())
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scenario.toml"
+        plain.save(path)
+        return hashlib.sha256(path.read_bytes()).hexdigest()
