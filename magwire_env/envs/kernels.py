@@ -24,6 +24,7 @@ from ..simulation.algorithm1 import (
     TABLE_LAST,
     TABLE_ROW,
     TIP_MOMENT,
+    TURN_SLOTS,
     WRENCH,
 )
 from ..simulation.lanes import LANES, absolute, load, maximum, minimum, sin_cos, store, where
@@ -222,6 +223,25 @@ def observe(n, kinds, rows, scales, bounds, out, magnet, dofs, lanes, work, obse
                 observation[lane + l, j] = np.float32(work[l])
 
 
+_SMALL = 1e-5
+"""m, for the slope along a slide."""
+
+
+@njit(**_JIT)
+def course(s, lane, par, table, point, tangent, bend):
+    """Point, unit tangent and curvature vector κ n of a lane's centreline at arc length `s`, each (3,)."""
+    row, l = par[lane // LANES], lane % LANES
+    s -= row[PERIOD + l] * math.floor(s * row[INV_PERIOD + l])
+    piece = min(max(math.floor(s * row[INV_SPACING + l]) + 1.0, 0.0), row[TABLE_LAST + l])
+    u = s - (piece - 1.0) * row[SPACING + l]
+    c = 12 * int(piece + row[TABLE_ROW + l])
+    for axis in range(3):
+        b, second, third = table[c + 3 + axis], table[c + 6 + axis], table[c + 9 + axis]
+        point[axis] = table[c + axis] + u * (b + u * (second + u * third))
+        tangent[axis] = b + u * (2.0 * second + 3.0 * u * third)
+        bend[axis] = 2.0 * second + 6.0 * u * third
+
+
 @njit(**_JIT)
 def preview(offsets, par, tip, table, centre, scale, seen):
     """The centreline `offsets` (k,) m ahead of the tips: points from `centre` (n, 3) over `scale`, then tangents.
@@ -229,57 +249,93 @@ def preview(offsets, par, tip, table, centre, scale, seen):
     tip : (n,) m or more; seen : (n, 6 k). As NumPy over the whole batch it took half of a step.
     """
     count = offsets.shape[0]
+    point, tangent, bend = np.empty(3), np.empty(3), np.empty(3)
     for lane in range(seen.shape[0]):
-        row, l = par[lane // LANES], lane % LANES
         for k in range(count):
-            s = tip[lane] + offsets[k]
-            s -= row[PERIOD + l] * math.floor(s * row[INV_PERIOD + l])
-            piece = min(max(math.floor(s * row[INV_SPACING + l]) + 1.0, 0.0), row[TABLE_LAST + l])
-            u = s - (piece - 1.0) * row[SPACING + l]
-            c = 12 * int(piece + row[TABLE_ROW + l])
+            course(tip[lane] + offsets[k], lane, par, table, point, tangent, bend)
             for axis in range(3):
-                b, second, third = table[c + 3 + axis], table[c + 6 + axis], table[c + 9 + axis]
-                place = table[c + axis] + u * (b + u * (second + u * third))
-                seen[lane, 3 * k + axis] = (place - centre[lane, axis]) / scale
-                seen[lane, 3 * (count + k) + axis] = b + u * (2.0 * second + 3.0 * u * third)
+                seen[lane, 3 * k + axis] = (point[axis] - centre[lane, axis]) / scale
+                seen[lane, 3 * (count + k) + axis] = tangent[axis]
 
 
 @njit(**_JIT)
-def pull_preview(offsets, par, tip, table, centres, strengths, scale, seen):
-    """The drive `offsets` (k,) m ahead of the tips for each magnet's moment along x, y and z, over `scale`.
+def point_drive(point, tangent, bend, centre, moment, wrench):
+    """Drive of a point dipole along the unit vector `moment` at `centre`, over μ0 m m_tip/4π (N → 1/m⁴).
 
-    centres : (n, m, 3) m, of the magnets, each a point dipole; strengths : (n, m) μ0 m / 4π, T·m³
-    tip : (n,) m or more; seen : (n, 3 k m), magnet by magnet, place by place
-
-    With r from magnet to tract, c = t·r/r and κ n the curvature vector, a moment along M̂ drives the tip by M̂·g:
-    g = 3 (μ0 m m_tip/4π r⁴) [(1 − 5 c²) r/r + 2 c t], plus under `wrench` (μ0 m m_tip/4π r³) [3 (κ n·r) r/r² − κ n].
+    With r from magnet to tract, c = t·r/r and κ n the curvature vector it is M̂·g: g = 3 [(1 − 5 c²) r/r + 2 c t]/r⁴,
+    plus under `wrench` [3 (κ n·r) r/r² − κ n]/r³.
     """
-    count, magnets = offsets.shape[0], centres.shape[1]
+    r2, along, turned, to_tip, to_tangent, to_bend = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for axis in range(3):
+        r = point[axis] - centre[axis]
+        r2 += r * r
+        along += tangent[axis] * r
+        turned += bend[axis] * r
+        to_tip += moment[axis] * r
+        to_tangent += moment[axis] * tangent[axis]
+        to_bend += moment[axis] * bend[axis]
+    drive = 3.0 * ((1.0 - 5.0 * along * along / r2) * to_tip + 2.0 * along * to_tangent) / r2
+    return (drive + wrench * (3.0 * turned * to_tip / r2 - to_bend)) / (r2 * math.sqrt(r2))
+
+
+@njit(**_JIT)
+def turned_about(axis, angle, vector, out):
+    """`vector` (3,) turned about a world axis into `out`."""
+    c, s = math.cos(angle), math.sin(angle)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    x, y = vector[i], vector[j]
+    out[axis], out[i], out[j] = vector[axis], c * x - s * y, s * x + c * y
+
+
+@njit(**_JIT)
+def drive_preview(offsets, par, tip, table, rig, magnets, magnet, reach, seen):
+    """The drive `offsets` (k,) m ahead of the tips, and its slope by every degree of freedom, of magnets as points.
+
+    rig : as `algorithm1` has it; magnets : (n, m, 4) centres (m) without their slides, and μ0 m/4π (T·m³)
+    magnet : (dof, n) rad and m; reach : (dof,) rad and m, a slope is what so much more gives
+    seen : (n, k (1 + dof)) N, place by place
+    """
+    places, dof = offsets.shape[0], reach.shape[0]
+    point, tangent, bend, centre = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    rest, once, moment, moved = np.array([0.0, 0.0, 1.0]), np.empty(3), np.empty(3), np.empty(3)
     for lane in range(seen.shape[0]):
         row, l = par[lane // LANES], lane % LANES
-        for k in range(count):
-            s = tip[lane] + offsets[k]
-            s -= row[PERIOD + l] * math.floor(s * row[INV_PERIOD + l])
-            piece = min(max(math.floor(s * row[INV_SPACING + l]) + 1.0, 0.0), row[TABLE_LAST + l])
-            u = s - (piece - 1.0) * row[SPACING + l]
-            at = 12 * int(piece + row[TABLE_ROW + l])
-            for m in range(magnets):
-                strength = strengths[lane, m] * row[TIP_MOMENT + l] / scale
-                r2, c, bend = 0.0, 0.0, 0.0
+        wrench = row[WRENCH + l]
+        for k in range(places):
+            at = k * (1 + dof)
+            seen[lane, at : at + 1 + dof] = 0.0
+            course(tip[lane] + offsets[k], lane, par, table, point, tangent, bend)
+            for m in range(magnets.shape[1]):
+                first, second = rig[m, 0], rig[m, 1]
+                strength = magnets[lane, m, 3] * row[TIP_MOMENT + l]
                 for axis in range(3):
-                    b, second, third = table[at + 3 + axis], table[at + 6 + axis], table[at + 9 + axis]
-                    r = table[at + axis] + u * (b + u * (second + u * third)) - centres[lane, m, axis]
-                    t = b + u * (2.0 * second + 3.0 * u * third)
-                    r2 += r * r
-                    c += t * r
-                    bend += (2.0 * second + 6.0 * u * third) * r
-                r1 = math.sqrt(r2)
-                c /= r1
+                    d = rig[m, TURN_SLOTS + axis]
+                    centre[axis] = magnets[lane, m, axis] + (magnet[d, lane] if d >= 0 else 0.0)
+                    once[axis] = rest[axis]
+                if first >= 0:
+                    turned_about(rig[m, 5], magnet[first, lane], rest, once)
+                moment[:] = once
+                if second >= 0:
+                    turned_about(rig[m, 6], magnet[second, lane], once, moment)
+                here = point_drive(point, tangent, bend, centre, moment, wrench)
+                seen[lane, at] += strength * here
+                if first >= 0:  # a turn by δ moves the moment by δ times the axis across it
+                    i, j = (rig[m, 5] + 1) % 3, (rig[m, 5] + 2) % 3
+                    once[rig[m, 5]], once[i], once[j] = 0.0, -once[j], once[i]
+                    moved[:] = once
+                    if second >= 0:
+                        turned_about(rig[m, 6], magnet[second, lane], once, moved)
+                    slope = point_drive(point, tangent, bend, centre, moved, wrench)
+                    seen[lane, at + 1 + first] = strength * slope * reach[first]
+                if second >= 0:
+                    i, j = (rig[m, 6] + 1) % 3, (rig[m, 6] + 2) % 3
+                    moved[rig[m, 6]], moved[i], moved[j] = 0.0, -moment[j], moment[i]
+                    slope = point_drive(point, tangent, bend, centre, moved, wrench)
+                    seen[lane, at + 1 + second] = strength * slope * reach[second]
                 for axis in range(3):
-                    b, second, third = table[at + 3 + axis], table[at + 6 + axis], table[at + 9 + axis]
-                    r = table[at + axis] + u * (b + u * (second + u * third)) - centres[lane, m, axis]
-                    t = b + u * (2.0 * second + 3.0 * u * third)
-                    kn = 2.0 * second + 6.0 * u * third
-                    g = 3.0 * ((1.0 - 5.0 * c * c) * r / r1 + 2.0 * c * t) / r1
-                    g += row[WRENCH + l] * (3.0 * bend * r / r2 - kn)
-                    seen[lane, 3 * (m * count + k) + axis] = strength * g / (r2 * r1)
+                    d = rig[m, TURN_SLOTS + axis]
+                    if d >= 0:
+                        centre[axis] += _SMALL
+                        slope = (point_drive(point, tangent, bend, centre, moment, wrench) - here) / _SMALL
+                        centre[axis] -= _SMALL
+                        seen[lane, at + 1 + d] = strength * slope * reach[d]

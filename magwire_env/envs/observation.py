@@ -100,20 +100,21 @@ def _preview(core: SteeringCore) -> np.ndarray:
     return seen
 
 
-def _pulls(sim: Simulator) -> Sequence[Number]:
-    return [Number(-1, scale=FORCE_SCALE, quantity="force")] * (3 * len(PREVIEW_OFFSETS) * sim.library.magnet_count)
+def _drives(sim: Simulator) -> Sequence[Number]:
+    return [Number(-1, scale=FORCE_SCALE, quantity="force")] * (len(PREVIEW_OFFSETS) * (1 + sim.dof))
 
 
-def _pull(core: SteeringCore) -> np.ndarray:
+def _drive_preview(core: SteeringCore) -> np.ndarray:
     sim = core.sim
-    centres = sim.magnet_positions
-    seen = np.empty((sim.num_envs, 3 * len(PREVIEW_OFFSETS) * centres.shape[1]))
-    strengths = np.ascontiguousarray(sim.library.magnets[sim.lane_scenario, : centres.shape[1], 3])
-    kernels.pull_preview(
-        np.array(PREVIEW_OFFSETS), sim.arrays.par, sim.tip_arclength, sim.library.table, centres, strengths,
-        FORCE_SCALE, seen,
+    library = sim.library
+    count = library.magnet_count
+    seen = np.empty((sim.num_envs, len(PREVIEW_OFFSETS) * (1 + sim.dof)))
+    magnets = np.ascontiguousarray(library.magnets[sim.lane_scenario, :count, :4])
+    kernels.drive_preview(
+        np.array(PREVIEW_OFFSETS), sim.arrays.par, sim.tip_arclength, library.table, library.rig[:count], magnets,
+        sim.arrays.q, np.where(library.is_turn, 1.0, LENGTH_SCALE), seen,
     )  # fmt: skip
-    return seen
+    return seen / FORCE_SCALE
 
 
 def _reference(core: SteeringCore) -> np.ndarray:
@@ -137,9 +138,10 @@ CHANNELS: dict[str, Channel] = {
         "then tangents",
         _elsewhere(3 * len(PREVIEW_OFFSETS), 3 * len(PREVIEW_OFFSETS), LENGTH_SCALE), _preview,
     ),
-    "pull_preview": Channel(
-        10, "drive 0, 10, 20, 40, 60, 80 mm ahead of the tip for each magnet's moment along x, y and z, were it a "
-        "point dipole where it now is / 10 mN", _pulls, _pull,
+    "drive_preview": Channel(
+        10, "drive 0, 10, 20, 40, 60, 80 mm ahead of the tip / 10 mN, each followed by its slope by every degree of "
+        "freedom, a radian or 0.1 m; the magnets as point dipoles where they now are, coils left out",
+        _drives, _drive_preview,
     ),
     "reference_preview": Channel(
         10, "a tracking task's reference now, in 0.5, 1 and 2 s, from the tip / 0.1 m",

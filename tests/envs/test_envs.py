@@ -16,7 +16,8 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 import magwire_env
 from magwire_env import Scenario
 from magwire_env.physics import PointDipole
-from magwire_env.scenario import ActuatedMagnet, Rig, Turn
+from magwire_env.scenario import ActuatedMagnet, Rig, Slide, Turn
+from magwire_env.simulation import drive_at
 
 IDS = magwire_env.TASK_IDS
 
@@ -217,19 +218,27 @@ def test_channels_by_name_and_their_layout():
 
 
 @pytest.mark.parametrize("coupling", ["force", "wrench"])
-def test_the_pull_preview_is_the_drive_of_point_dipoles(coupling):
-    """With point magnets, turned as they are, what it says of the tip's own place is the drive itself."""
-    turned = ActuatedMagnet(PointDipole(135.6), (0.02, -0.01, 0.12), (Turn("y", home=1.0), Turn("z", home=0.5)))
-    second = ActuatedMagnet(PointDipole(80.0), (0.0, 0.05, -0.12), (Turn("x", home=2.0),))
-    scenario = Scenario.paper().replace(rig=Rig((turned, second)), coupling=coupling)
-    env = gym.make(IDS[0], scenario=scenario, observe=("drive_force", "pull_preview"))
+def test_the_drive_preview_is_what_point_magnets_do_there(coupling):
+    """The drive itself at the tip and ahead of it, and its slopes by every turn and slide by finite differences."""
+    turns = (Turn("y", home=1.0), Slide("x", -0.05, 0.05), Turn("z", home=0.5))
+    rig = Rig((
+        ActuatedMagnet(PointDipole(135.6), (0.02, -0.01, 0.12), turns),
+        ActuatedMagnet(PointDipole(80.0), (0.0, 0.05, -0.12), (Turn("x", home=2.0), Slide("z", -0.02, 0.0))),
+    ))  # fmt: skip
+    scenario = Scenario.paper().replace(rig=rig, coupling=coupling)
+    env = gym.make(IDS[0], scenario=scenario, observe=("drive_force", "drive_preview"))
     for seed in range(5):
         observation, _ = env.reset(seed=seed)
         sim = env.unwrapped.simulator
-        (a, b, c), pull = sim.magnet[0], observation[1:].reshape(2, 6, 3)[:, 0]
-        first = np.array([np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)])
-        moment = np.array([first, [0.0, -np.sin(c), np.cos(c)]])
-        assert (pull * moment).sum() == pytest.approx(observation[0], rel=1e-4, abs=1e-5)
+        q, tip = sim.magnet[0], sim.tip_arclength[0]
+        ahead = observation[1:].reshape(6, 6)
+        assert ahead[0, 0] == pytest.approx(observation[0], rel=1e-4, abs=1e-5)
+        for row, offset in zip(ahead, (0.0, 0.01, 0.02, 0.04, 0.06, 0.08), strict=True):
+            places = np.full(6, tip + offset)
+            steps = np.vstack([np.zeros(5), 1e-6 * np.eye(5)])
+            drive = drive_at(scenario, q + steps, places) / 10e-3
+            slopes = (drive[1:] - drive[0]) / 1e-6 * [1.0, 0.1, 1.0, 1.0, 0.1]
+            assert row == pytest.approx(np.clip(np.r_[drive[0], slopes], -10, 10), rel=2e-3, abs=2e-4)
 
 
 def test_coupling_and_scenario_override_the_task(tmp_path):
