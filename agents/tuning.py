@@ -10,7 +10,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, cast
@@ -23,7 +23,7 @@ import train
 from .learning import hyperparameters
 from .training import Run, learn, read_curve
 
-__all__ = ["SPACES", "STUDIES", "Tune", "tune"]
+__all__ = ["SPACES", "STUDIES", "tune"]
 
 STUDIES = Path(__file__).parent / "hyperparameters" / "studies"
 
@@ -68,62 +68,60 @@ SPACES: dict[str, Space] = {
 """What is searched of every algorithm; a dot reaches into ``policy_kwargs``."""
 
 
-@dataclass
-class Tune:
-    """Search an algorithm's hyperparameters on a task, and write the study as YAML."""
+def tune(
+    task: str,
+    algorithm: str,
+    trials: int = 16,
+    timesteps: int | None = None,
+    seed: int = 1000,
+    scenario: str | None = None,
+    out: Path = STUDIES,
+) -> Path:
+    """Run a study and write it: its settings, the best trial, every trial in the order tried. Returns the file.
 
-    task: str = "MagWire/Steer-v0"
-    """Environment id."""
-    algorithm: str = "ppo"
-    """Learning algorithm."""
-    trials: int = 16
-    """Trainings; the first has the YAML's values."""
-    timesteps: int | None = None
-    """Environment steps of each; by default a third of the YAML's."""
-    seed: int = 1000
-    """Of the search and of every training; the benchmark's training seeds are others."""
-    scenario: str | None = None
-    """A TOML file or a shipped name, in place of the task's scenario."""
-    out: Path = STUDIES
-    """Folder to write to."""
-
-
-def tune(options: Tune) -> Path:
-    """Run the study and write it: its settings, the best trial, every trial in the order tried. Returns the file."""
-    if options.algorithm not in SPACES:
-        raise ValueError(f"algorithm must be one of {', '.join(map(repr, SPACES))}, got {options.algorithm!r}")
-    if options.trials < 1:
-        raise ValueError(f"trials must be at least 1, got {options.trials}")
-    space, given = SPACES[options.algorithm], hyperparameters(options.algorithm, options.task)
-    timesteps = options.timesteps or given["n_timesteps"] // 3
+    trials : trainings; the first has the YAML's values
+    timesteps : env steps of each; by default a third of the YAML's
+    seed : of the search and of every training; the benchmark's training seeds are others
+    scenario : a TOML file or a shipped name, in place of the task's
+    out : folder to write to
+    """
+    if algorithm not in SPACES:
+        raise ValueError(f"algorithm must be one of {', '.join(map(repr, SPACES))}, got {algorithm!r}")
+    if trials < 1:
+        raise ValueError(f"trials must be at least 1, got {trials}")
+    space, given = SPACES[algorithm], hyperparameters(algorithm, task)
+    timesteps = timesteps or given["n_timesteps"] // 3
+    config = train.Config(
+        task=task, algorithm=cast(Any, algorithm), seed=seed, timesteps=timesteps, scenario=scenario, evaluations=1,
+        progress=False,
+    )  # fmt: skip
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    study = optuna.create_study(direction="maximize", sampler=optuna.samplers.TPESampler(seed=options.seed))
+    study = optuna.create_study(direction="maximize", sampler=optuna.samplers.TPESampler(seed=seed))
     study.enqueue_trial(_as_given(given, space))
     rows: list[dict[str, Any]] = []
 
     def objective(trial: optuna.Trial) -> float:
         changes = {name: ask(trial, name) for name, ask in space.items()}
         began = time.perf_counter()
-        value = _trained(options, timesteps, changes)
+        value = _trained(config, changes)
         rows.append({"value": round(value, 4), "seconds": round(time.perf_counter() - began, 1), **changes})
         print(f"trial {trial.number:>3}: {value:8.3f}  {changes}", flush=True)
         return value
 
-    study.optimize(objective, n_trials=options.trials)
-    best = max(rows, key=lambda row: row["value"])
-    name = options.task.split("/")[-1] + ("" if options.scenario is None else f"-{Path(options.scenario).stem}")
-    path = options.out / f"{options.algorithm}-{name}.yml"
-    options.out.mkdir(parents=True, exist_ok=True)
+    study.optimize(objective, n_trials=trials)
+    name = task.split("/")[-1] + ("" if scenario is None else f"-{Path(scenario).stem}")
+    path = out / f"{algorithm}-{name}.yml"
+    out.mkdir(parents=True, exist_ok=True)
     content = {
-        "task": options.task,
-        "scenario": options.scenario,
-        "algorithm": options.algorithm,
-        "seed": options.seed,
+        "task": task,
+        "scenario": scenario,
+        "algorithm": algorithm,
+        "seed": seed,
         "timesteps": timesteps,
         "optuna": version("optuna"),
         "value": "mean episode reward on the held-out episodes after the last step",
         "given": rows[0]["value"],
-        "best": best,
+        "best": max(rows, key=lambda row: row["value"]),
         "trials": rows,
     }
     path.write_text(yaml.safe_dump(content, sort_keys=False, width=120), encoding="utf-8")
@@ -142,14 +140,10 @@ def _as_given(given: dict[str, Any], space: Space) -> dict[str, Any]:
     return values
 
 
-def _trained(options: Tune, timesteps: int, changes: dict[str, Any]) -> float:
+def _trained(config: train.Config, changes: dict[str, Any]) -> float:
     """Mean episode reward on the held-out episodes after a training with `changes`."""
     with tempfile.TemporaryDirectory() as folder:
-        config = train.Config(
-            task=options.task, algorithm=cast(Any, options.algorithm), seed=options.seed, run=Path(folder) / "run",
-            timesteps=timesteps, scenario=options.scenario, evaluations=1, progress=False,
-        )  # fmt: skip
-        run = Run.open(config, changes)
+        run = Run.open(replace(config, run=Path(folder) / "run"), changes)
         if not learn(run):
             raise KeyboardInterrupt
         return read_curve(run.folder / "learning_curve.csv")[-1]["mean_reward"]

@@ -21,7 +21,7 @@ import train
 from agents.cli import main as magwire
 from agents.learning import NativeVecEnv, frozen, hyperparameters, load, make_model, make_vec_env
 from agents.training import Run
-from agents.tuning import SPACES, Tune, tune
+from agents.tuning import SPACES, tune
 from magwire_env.simulation.pool import scenario_pool
 
 ID = "MagWire/Steer-v0"
@@ -160,8 +160,8 @@ def test_generated_tasks_choose_their_model_on_tracts_of_neither_training_nor_te
 
 
 def test_a_study_is_written_with_its_trials(tmp_path):
-    options = Tune(trials=2, timesteps=1024, algorithm="ppo", out=tmp_path)
-    study = yaml.safe_load(tune(options).read_text())
+    magwire(["tune", "--trials", "2", "--timesteps", "1024", "--out", str(tmp_path)])
+    study = yaml.safe_load((tmp_path / "ppo-Steer-v0.yml").read_text())
     assert [set(t) - {"value", "seconds"} for t in study["trials"]] == [set(SPACES["ppo"])] * 2
     given = hyperparameters("ppo", ID)
     first = study["trials"][0]
@@ -170,9 +170,9 @@ def test_a_study_is_written_with_its_trials(tmp_path):
     assert first["policy_kwargs.log_std_init"] == given["policy_kwargs"]["log_std_init"]
     assert study["best"]["value"] == max(t["value"] for t in study["trials"])
     with pytest.raises(ValueError, match="algorithm must be one of 'ppo'"):
-        tune(Tune(algorithm="dqn", out=tmp_path))
+        tune(ID, "dqn", out=tmp_path)
     with pytest.raises(ValueError, match="trials must be at least 1, got 0"):
-        tune(Tune(trials=0, out=tmp_path))
+        tune(ID, "ppo", trials=0, out=tmp_path)
 
 
 def test_the_adapter_gives_sb3_what_it_wants():

@@ -1,0 +1,91 @@
+"""Aggregates of scores with their uncertainty, after Agarwal et al., "Deep RL at the edge of the statistical
+precipice" (NeurIPS 2021): interquartile means, stratified bootstrap intervals, performance profiles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from magwire_env.physics.checks import whole
+
+__all__ = ["interquartile_mean", "interval", "median", "performance_profile", "stratified_bootstrap"]
+
+_AT_ONCE = 4_000_000
+"""Numbers resampled at a time."""
+
+
+def interquartile_mean(values: np.ndarray) -> np.ndarray:
+    """Mean of the middle half: values (…, n) → (…,); the ⌊n/4⌋ smallest and largest are left out.
+
+    Raises `ValueError` for no values.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    n = values.shape[-1] if values.ndim else 0
+    if n == 0:
+        raise ValueError(f"values must be an array (…, n) of at least one number, got shape {values.shape}")
+    cut = n // 4
+    if cut == 0:
+        return values.mean(axis=-1)
+    return np.partition(values, (cut, n - cut - 1), axis=-1)[..., cut : n - cut].mean(axis=-1)
+
+
+def median(values: np.ndarray) -> np.ndarray:
+    """values (…, n) → (…,)."""
+    return np.median(values, axis=-1)
+
+
+def stratified_bootstrap(
+    groups: Sequence[np.ndarray],
+    statistic: Callable[[np.ndarray], np.ndarray] = interquartile_mean,
+    resamples: int = 2000,
+    confidence: float = 0.95,
+    seed: int = 0,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A statistic of all groups' values together, and the ends of its percentile bootstrap interval.
+
+    groups : strata (training seeds, tasks), (n_i,) values each; every one is resampled within itself
+    statistic : samples (r, n) → (r,) or (r, k)
+    resamples : number of them
+    confidence : share of the resampled statistics between the two ends
+    seed : of the resampling
+
+    Raises `ValueError` for no group, an empty one, one with NaN, or a bad confidence.
+    """
+    strata = [np.asarray(group, dtype=np.float64) for group in groups]
+    if not strata or any(group.ndim != 1 or not len(group) for group in strata):
+        raise ValueError(f"groups must be arrays (n,) of at least one number, got shapes {[g.shape for g in strata]}")
+    if any(np.isnan(group).any() for group in strata):
+        raise ValueError("groups must hold numbers only, got NaN")
+    if not 0.0 < confidence < 1.0:
+        raise ValueError(f"confidence must lie in (0, 1), got {confidence!r}")
+    resamples = whole("resamples", resamples, 1)
+    rng = np.random.default_rng(seed)
+    together = np.concatenate(strata)
+    step = max(1, _AT_ONCE // len(together))
+    found = []
+    for first in range(0, resamples, step):
+        rows = min(step, resamples - first)
+        found.append(statistic(np.concatenate([rng.choice(g, (rows, len(g))) for g in strata], axis=1)))
+    tail = (1.0 - confidence) / 2
+    low, high = np.quantile(np.concatenate(found), [tail, 1.0 - tail], axis=0)
+    return statistic(together[None])[0], low, high
+
+
+def interval(
+    groups: Sequence[np.ndarray], statistic: Callable[[np.ndarray], np.ndarray], resamples: int = 2000
+) -> tuple[float, float, float]:
+    """`stratified_bootstrap` of a single number, as floats; empty groups count for nothing, NaN without values."""
+    kept = [group for group in groups if len(group)]
+    if not kept:
+        return (float("nan"),) * 3
+    value, low, high = stratified_bootstrap(kept, statistic, resamples)
+    return float(value), float(low), float(high)
+
+
+def performance_profile(scores: np.ndarray, taus: np.ndarray) -> np.ndarray:
+    """Share of the runs whose score is greater than each of `taus` (k,): scores (…, n) → (…, k)."""
+    ordered = np.sort(np.asarray(scores, dtype=np.float64), axis=-1)
+    flat = ordered.reshape(-1, ordered.shape[-1])
+    below = np.stack([np.searchsorted(row, taus, side="right") for row in flat])
+    return (1.0 - below / flat.shape[1]).reshape(*ordered.shape[:-1], len(taus))
