@@ -43,8 +43,8 @@ def selected(cells: Sequence[Cell], only: Sequence[str]) -> list[Cell]:
 
 
 def jobs_of(plan: Plan, cells: Sequence[Cell]) -> list[Job]:
-    """Long cells alone, the others of an arena together, since they share its pool of tracts."""
-    together: dict[str, list[Cell]] = {}
+    """Long cells alone; the seeds of a training, and an arena's short cells, together: they share a pool of tracts."""
+    together: dict[tuple[str, ...], list[Cell]] = {}
     jobs, asked = [], set(cells)
 
     def job(some: Sequence[Cell]) -> Job:
@@ -52,11 +52,14 @@ def jobs_of(plan: Plan, cells: Sequence[Cell]) -> list[Job]:
         return Job(tuple(some), frozenset(needs & asked))
 
     for cell in cells:
-        if cell.kind in ("train", "par", "robustness") or cell.policy == "MPPI":
+        if cell.kind in ("par", "robustness") or cell.policy == "MPPI":
             jobs.append(job([cell]))
         else:
-            together.setdefault(cell.arena, []).append(cell)
-    return jobs + [job(some) for some in together.values()]
+            own = ("train", cell.policy) if cell.kind == "train" else ()
+            together.setdefault((cell.arena, *own), []).append(cell)
+    # Trainings first: most of the rest waits for them.
+    found = [*jobs, *(job(some) for some in together.values())]
+    return sorted(found, key=lambda one: one.cells[0].kind != "train")
 
 
 def run_cells(plan: Plan, cells: Sequence[Cell], out: Path, workers: int) -> list[Cell]:

@@ -121,7 +121,7 @@ def tune(
         "optuna": version("optuna"),
         "value": "mean episode reward on the held-out episodes after the last step",
         "given": rows[0]["value"],
-        "best": max(rows, key=lambda row: row["value"]),
+        "best": dict(max(rows, key=lambda row: row["value"])),
         "trials": rows,
     }
     path.write_text(yaml.safe_dump(content, sort_keys=False, width=120), encoding="utf-8")
