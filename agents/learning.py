@@ -251,13 +251,16 @@ def load_parts(
             raise FileNotFoundError(f"{folder} holds no {name}: not a model folder, or a run that saved nothing yet")
     try:
         meta = json.loads((folder / "model.json").read_text(encoding="utf-8"))
-        algorithm = ALGORITHMS[meta["algorithm"]]
+        algorithm, task = ALGORITHMS[meta["algorithm"]], meta["task"]
     except (json.JSONDecodeError, KeyError, UnicodeDecodeError) as error:
         raise ValueError(f"{folder / 'model.json'} is damaged or of another program: {error}") from error
+    env = meta.get("env", {})
+    smallest = {"pool_size": 1} if "pool_size" in env else {}  # only its spaces are asked for
     try:
-        env = meta.get("env", {})
-        smallest = {"pool_size": 1} if "pool_size" in env else {}  # only its spaces are asked for
-        dummy = venv or make_vec_env(meta["task"], 1, frame_stack=meta.get("frame_stack", 1), **(env | smallest))
+        dummy = venv or make_vec_env(task, 1, frame_stack=meta.get("frame_stack", 1), **(env | smallest))
+    except (ValueError, TypeError, gym.error.Error) as error:
+        raise ValueError(f"{folder / 'model.json'} asks for an env that cannot be made: {error}") from error
+    try:
         normalization = VecNormalize.load(str(folder / "normalization.pkl"), dummy)
     except Exception as error:
         raise ValueError(f"{folder / 'normalization.pkl'} is damaged or of another program: {error}") from error

@@ -7,10 +7,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from magwire_env.envs.observation import SPEED_SCALE
 from magwire_env.simulation.netforce import greatest
 
 from .base import Controller
+from .seen import magnet_seen, tip_seen
 
 __all__ = ["NetForce"]
 
@@ -64,8 +64,8 @@ class NetForce(Controller):
     def act(self, observation, state, starts, deterministic):
         sim = self.core.sim
         entries, period = sim.lane_scenario, sim.control_period
-        tip = self.seen(observation, "tip_arclength")[:, 0] * sim.library.tract_length[entries]
-        speed = self.direction * self.seen(observation, "tip_speed")[:, 0] * SPEED_SCALE
+        tip, speed = tip_seen(self, observation)
+        speed = self.direction * speed
         here = self._row(entries, tip)
         aim = self._row(entries, tip + self.direction * np.maximum(speed, 0.0) * self.ahead * period)
         arrived = np.zeros(len(tip), dtype=np.bool_) if state is None else state[1] & ~starts
@@ -103,15 +103,8 @@ class NetForce(Controller):
 
     def _servo_time(self, observation: np.ndarray, command: np.ndarray) -> np.ndarray:
         """Time (n,) s that the servos need to `command` (n, dof) from where the magnets are seen to be."""
-        sim, seen = self.core.sim, self.seen(observation, "magnet")
-        rows, at, time = sim.library.dofs[sim.lane_scenario], 0, np.zeros(len(observation))
-        for d, turn in enumerate(sim.library.is_turn):
-            speed, low, high = rows[:, d].T
-            if turn:
-                gap = command[:, d] - (low + high) / 2 - np.arctan2(seen[:, at], seen[:, at + 1])
-                gap = gap - 2 * np.pi * np.round(gap / (2 * np.pi))
-            else:
-                gap = np.clip(command[:, d], low, high) - (low + high + seen[:, at] * (high - low)) / 2
-            time = np.maximum(time, np.abs(gap) / speed)
-            at += 2 if turn else 1
-        return time
+        library = self.core.sim.library
+        speed, low, high = library.dofs[self.core.sim.lane_scenario].transpose(2, 0, 1)
+        gap = np.where(library.is_turn, command, np.clip(command, low, high)) - magnet_seen(self, observation)
+        gap = np.where(library.is_turn, gap - 2 * np.pi * np.round(gap / (2 * np.pi)), gap)
+        return (np.abs(gap) / speed).max(axis=1)

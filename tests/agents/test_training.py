@@ -100,6 +100,15 @@ def test_a_truncated_model_file_is_named(run, tmp_path, name):
         load(folder)
 
 
+def test_a_model_of_an_env_that_is_no_more_says_so(run, tmp_path):
+    folder = tmp_path / "copy"
+    shutil.copytree(run[0] / "best", folder)
+    meta = json.loads((folder / "model.json").read_text())
+    (folder / "model.json").write_text(json.dumps(meta | {"env": {"observe": ["no_such_channel"]}}))
+    with pytest.raises(ValueError, match="asks for an env that cannot be made: observe must name"):
+        load(folder)
+
+
 def test_ctrl_c_saves_and_resume_goes_on(tmp_path):
     folder = tmp_path / "stopped"
     command = [sys.executable, "train.py", "--run", str(folder), "--timesteps", "400000", "--n-envs", "32"]
