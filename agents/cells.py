@@ -106,7 +106,7 @@ def _evaluate(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
 
 
 def _par(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
-    """The par's episodes, and for each the proven lower bound of the time, s (none in a tracking task)."""
+    """The par's episodes, and for each the lower bound of the time, s (none in a tracking task)."""
     arena = plan.arena(cell.arena)
     env = make_batch(arena.task, plan.episodes_of(arena), arena.env)
     episodes = evaluate(CONTROLLERS[PAR].from_env, arena.task, env.num_envs, EVALUATION_SEED, PAR, env)
