@@ -62,6 +62,11 @@ class Actuation:
             columns += [np.cos(np.pi * share[:, i]), np.sin(np.pi * share[:, i])] if turn else [share[:, i]]
         return np.clip(np.stack(columns, axis=1), -1.0, 1.0).astype(np.float32)
 
+    def turned(self, before: np.ndarray) -> np.ndarray:
+        """How far the magnets have come from `before` (n, dof), over what a servo covers in a control period."""
+        speed, _, _ = self._dofs()
+        return self._short_way(self._sim.magnet - before) / (speed * self._sim.control_period)
+
     def _dofs(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Speed, lowest and highest of every degree of freedom, (n, dof) each."""
         rows = self._sim.library.dofs[self._sim.lane_scenario]

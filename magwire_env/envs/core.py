@@ -77,6 +77,7 @@ class SteeringCore:
         self.goal, self.steps = self._lanes[kernels.GOAL, :n], self._lanes[kernels.STEPS, :n]
         ahead = round(max(REFERENCE_OFFSETS) / self.sim.control_period)
         self.reference = np.zeros((n, self.step_limit + ahead + 1 if self.task.kind == "track" else 0))
+        self.turning: np.ndarray | None = np.zeros((n, self.sim.dof)) if "magnet_speed" in self.observer.names else None
         self._varies = any(sc.variation for sc in self.sim.library.scenarios)
         self.varied = {name: np.ones(n) for name in ("friction", "stiffness", "remanence")} if self._varies else {}
 
@@ -110,6 +111,8 @@ class SteeringCore:
         if self._varies:
             self._vary(lanes, entries, rngs)
         sim.lay(lanes, tip, magnet)
+        if self.turning is not None:
+            self.turning[lanes] = 0.0
         own = np.zeros((kernels.LANE_FIELDS, len(lanes)))
         own[kernels.GOAL] = goal
         own[kernels.DISTANCE] = goal - tip if task.kind == "steer" else np.abs(goal - tip)
@@ -179,7 +182,10 @@ class SteeringCore:
         """One control period: action (n, size) → what it is worth, `kernels.VALUE_FIELDS` rows over n lanes or more."""
         sim, task = self.sim, self.task
         self.actuation.write(action, sim.command)
+        before = None if self.turning is None else sim.magnet
         sim.advance()
+        if before is not None:
+            self.turning = self.actuation.turned(before)
         if task.kind == "track":
             now = np.minimum(self.steps.astype(np.int64) + 1, self.reference.shape[1] - 1)
             self.goal[:] = self.reference[np.arange(sim.num_envs), now]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -127,6 +127,10 @@ CHANNELS: dict[str, Channel] = {
     "drive_force": Channel(10, "drive along the tract / 10 mN", _results("DRIVE", FORCE_SCALE, "force")),
     "lateral_force": Channel(10, "magnetic force across the tract / 10 mN", _results("LATERAL", FORCE_SCALE, "force")),
     "magnet": Channel(1, "each turn's angle from home (sin, cos); each slide over its range", _magnet),
+    "magnet_speed": Channel(
+        1, "how far each degree of freedom moved in the last control period / what its servo covers in one",
+        lambda sim: [Number(-1)] * sim.dof, lambda core: cast(np.ndarray, core.turning),
+    ),
     "distance_left": Channel(2, "way left to the goal / tract length", _length(kernels.DISTANCE_LEFT)),
     "tip_force": Channel(10, "magnetic force on the tip, x y z / 10 mN", _results("FX", FORCE_SCALE, "force", 3)),
     "tip_torque": Channel(10, "magnetic torque on the tip / 1 mN·m", _results("TORQUE", TORQUE_SCALE, "torque")),

@@ -217,6 +217,21 @@ def test_channels_by_name_and_their_layout():
     assert preview == pytest.approx(ahead, abs=1e-7)
 
 
+def test_the_magnets_speed_is_what_the_servo_did_and_starts_at_rest():
+    env = gym.make("MagWire/Chase-v0", observe=("magnet_speed",), pool_size=1)
+    observation, _ = env.reset(seed=0)
+    assert (observation == 0.0).all()
+    sim = env.unwrapped.simulator
+    dofs = sim.library.dofs[0]
+    for _ in range(5):
+        before = sim.magnet[0]
+        observation, *_ = env.step(env.action_space.sample())
+        moved = sim.magnet[0] - before
+        moved[sim.library.is_turn] = (moved[sim.library.is_turn] + np.pi) % (2 * np.pi) - np.pi
+        assert observation == pytest.approx(moved / (dofs[:, 0] * 0.1), abs=1e-6)
+    assert (env.reset(seed=1)[0] == 0.0).all()
+
+
 @pytest.mark.parametrize("coupling", ["force", "wrench"])
 def test_the_drive_preview_is_what_point_magnets_do_there(coupling):
     """The drive itself at the tip and ahead of it, and its slopes by every turn and slide by finite differences."""
