@@ -23,7 +23,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecNormalize
 
 import magwire_env  # noqa: F401  (registers the ids)
-from magwire_env.envs.task import TASKS
+from magwire_env.envs.task import TASKS, RewardWeights
 from magwire_env.envs.vector_env import MagWireVectorEnv
 
 __all__ = [
@@ -116,7 +116,8 @@ class NativeVecEnv(VecEnv):
 def hyperparameters(algorithm: str, task: str) -> dict[str, Any]:
     """The task's entry of ``agents/hyperparameters/<algorithm>.yml``, on top of its ``default``.
 
-    The env's settings stand in ``tasks.yml`` for all algorithms, and in the algorithm's own where it departs.
+    The env's settings stand in ``tasks.yml`` for all algorithms, and in the algorithm's own where it departs;
+    ``training_env`` holds those of training alone, that no evaluation sees.
     """
     if algorithm not in ALGORITHMS:
         raise ValueError(f"algorithm must be one of {', '.join(map(repr, ALGORITHMS))}, got {algorithm!r}")
@@ -136,7 +137,12 @@ def _entries(name: str) -> dict[str, Any]:
 def make_vec_env(
     task: str, n_envs: int, seed: int | None = None, frame_stack: int = 1, **settings: Any
 ) -> NativeVecEnv | VecFrameStack:
-    """The native batch of `task` for SB3; with `frame_stack` an observation is that many, the newest last."""
+    """The native batch of `task` for SB3; with `frame_stack` an observation is that many, the newest last.
+
+    ``reward`` may be a dict of `RewardWeights`, as a YAML has it.
+    """
+    if isinstance(settings.get("reward"), dict):
+        settings["reward"] = RewardWeights(**settings["reward"])
     env = gym.make_vec(task, num_envs=n_envs, autoreset_mode="SameStep", **settings).unwrapped
     if not isinstance(env, MagWireVectorEnv):
         raise ValueError(f"task must be an id of MagWire/…, got {task!r}")

@@ -137,8 +137,8 @@ def learn(run: Run) -> bool:
     settings = dict(run.settings)
     n_envs, total, _ = settings.pop("n_envs"), settings.pop("n_timesteps"), settings.pop("env", None)
     torch.set_num_threads(run.config["threads"])
-    frames = settings.pop("frame_stack", 1)
-    venv = make_vec_env(run.task, n_envs, seed=run.config["seed"], frame_stack=frames, **run.env_settings)
+    frames, env = settings.pop("frame_stack", 1), run.env_settings | settings.pop("training_env", {})
+    venv = make_vec_env(run.task, n_envs, seed=run.config["seed"], frame_stack=frames, **env)
     if run.resume:
         model, _, _ = load_parts(run.folder / "last", venv)
         model.tensorboard_log = str(run.folder / "tensorboard")

@@ -160,6 +160,16 @@ def test_a_policy_of_stacked_frames_sees_what_sb3_showed_it():
     assert one.shape == (1,)
 
 
+def test_what_is_for_training_alone_reaches_no_evaluation(tmp_path):
+    settings = SMALL | {"timesteps": 2048, "n_envs": 64, "evaluations": 1, "episodes": 2}
+    run = Run.open(train.Config(run=tmp_path / "r", algorithm="stacked_ppo", **settings))
+    assert run.settings["training_env"] == {"time_limit": 4.0, "reward": {"time": 0.5}}
+    assert "time_limit" not in run.validation | run.held_out | run.meta["env"]
+    core = make_vec_env(ID, 1, **run.settings["training_env"]).env.core
+    assert core.step_limit == 40
+    assert core.step(np.zeros((1, 1)))[3]["reward/time"] == -0.5
+
+
 def test_generated_tasks_choose_their_model_on_tracts_of_neither_training_nor_test(tmp_path):
     config = train.Config(run=tmp_path / "r", task="MagWire/SteerAny-v0", **SMALL)
     run = Run.open(config, {"env": {"pool_size": 2}})
