@@ -97,7 +97,7 @@ def _own(task: Task) -> Arena:
 
 ARENAS: tuple[Arena, ...] = (
     *map(_own, TASKS.values()),
-    Arena("SteerAny ood", "MagWire/SteerAny-v0", split="ood", models="SteerAny"),
+    Arena("SteerAny ood", "MagWire/SteerAny-v0", split="ood", models="SteerAny", episodes=100),
     Arena("Chase ood", "MagWire/Chase-v0", split="ood", models="Chase"),
     Arena("Hard", "MagWire/Steer-v0", scenario=HARD),
     Arena(
