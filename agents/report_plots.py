@@ -99,7 +99,7 @@ def _profiles(data: dict[str, Any]) -> Any:
         axes.set(title=arena["name"], xlim=(0, TAUS[-1]), ylim=(-0.02, 1.02), xlabel="score τ")
         axes.axvline(1.0, color="0.7", lw=0.8, zorder=0)
     for axes in panels[::3]:
-        axes.set_ylabel("share of runs with score > τ")
+        axes.set_ylabel("share above τ")
     _legend(figure, panels)
     return figure
 
