@@ -46,8 +46,8 @@ _ANGLES = 240
 _MARGIN = 1e-3
 """What is added to the net force: this share of the greatest force and of the sharpest bend's ½ E I κ² together.
 
-It comes to the 20 µN to which certificates trust the balance. With half of it one of 500 generated tracts, whose weakest
-place leaves 0.1 mN, was crossed 1.1 % faster than its bound.
+It comes to the 20 µN to which certificates trust the balance. With half of it one of 500 generated tracts, whose
+weakest place leaves 0.1 mN, was crossed 1.1 % faster than its bound.
 """
 
 _TICK = 5e-3
