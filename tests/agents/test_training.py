@@ -136,7 +136,7 @@ def test_ctrl_c_saves_and_resume_goes_on(tmp_path):
 
 @pytest.mark.parametrize("algorithm", ["sac", "tqc", "crossq", "stacked_ppo"])
 def test_the_other_algorithms_train_too(tmp_path, algorithm):
-    settings = SMALL | {"timesteps": 2048, "n_envs": 64, "evaluations": 1, "episodes": 2}
+    settings = SMALL | {"timesteps": 4096, "n_envs": 128, "evaluations": 1, "episodes": 2}
     results = train.main(train.Config(run=tmp_path / algorithm, algorithm=algorithm, **settings))
     assert f"trained {algorithm.upper()}" in results
     policy = load(tmp_path / algorithm)
@@ -161,7 +161,7 @@ def test_a_policy_of_stacked_frames_sees_what_sb3_showed_it():
 
 
 def test_what_is_for_training_alone_reaches_no_evaluation(tmp_path):
-    settings = SMALL | {"timesteps": 2048, "n_envs": 64, "evaluations": 1, "episodes": 2}
+    settings = SMALL | {"timesteps": 4096, "n_envs": 128, "evaluations": 1, "episodes": 2}
     run = Run.open(train.Config(run=tmp_path / "r", algorithm="stacked_ppo", **settings))
     assert run.settings["training_env"] == {"time_limit": 4.0, "reward": {"time": 0.5}}
     assert "time_limit" not in run.validation | run.held_out | run.meta["env"]
