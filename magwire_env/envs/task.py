@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..physics.checks import non_negative, one_of, positive
+from ..quasistatic.certificate import GOAL_MARGIN, START_SPREAD
 from ..scenario import Scenario
 from .observation import DEFAULT
 
@@ -57,8 +59,8 @@ class Task:
     kind: str = "steer"
     scenario: Callable[[], Scenario] | None = None
     pool: str | None = None
-    start_spread: float = 0.02
-    goal_margin: float = 0.01
+    start_spread: float = START_SPREAD
+    goal_margin: float = GOAL_MARGIN
     tolerance: float = 5e-3
     hold: float = 1.0
     reference_speed: float = 0.03
@@ -70,6 +72,10 @@ class Task:
         positive("Task.time_limit", self.time_limit, "s")
         if (self.scenario is None) == (self.pool is None):
             raise ValueError(f"Task must have either a scenario or a pool, got {self.scenario} and {self.pool}")
+
+    def hold_periods(self, period: float) -> int:
+        """Number of control periods of `period` s for which a target must be held; `hold` counts to half a period."""
+        return math.ceil(self.hold / period - 0.5 - 1e-9)
 
 
 _AHEAD = (*DEFAULT, "tract_preview")
