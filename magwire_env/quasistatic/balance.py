@@ -16,52 +16,33 @@ When the wire moves backwards, the tip pushes it: T < 0, and its size grows towa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numba import njit
 
 from ..scenario import Scenario
+from ..simulation.centreline import COURSE, curve_at, tables
+from ..simulation.compiled import kernel
+from ..simulation.vectors import dot
 
 __all__ = ["Tails"]
 
 _STEP = 2e-3
 """Largest step of the integration along the wire by Heun's method, m."""
 
-_JIT: dict[str, Any] = {
-    "cache": True,
-    "nogil": True,
-    "error_model": "numpy",
-    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
-}
-
-FIRST_ROW, LAST_ROW, SPACING, PERIOD, LENGTH, RIGIDITY, WX, WY, WZ, MU, DRAG = range(11)
+LENGTH, RIGIDITY, WX, WY, WZ, MU, DRAG = range(len(COURSE), len(COURSE) + 7)
+"""Columns of a scenario's row; its `Course` comes first."""
 
 
-@njit(**_JIT)
-def _row_at(s: float, par: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, float]:
-    """The row of the centreline's table at arc length `s`, and the distance from the row's start."""
-    if par[PERIOD] > 0.0:
-        s = s - par[PERIOD] * np.floor(s / par[PERIOD])
-    row = min(max(np.floor(s / par[SPACING]) + 1.0, 0.0), par[LAST_ROW])
-    return table[np.int64(par[FIRST_ROW] + row)], s - (row - 1.0) * par[SPACING]
-
-
-@njit(**_JIT)
+@kernel
 def _curve_and_weight(s: float, par: np.ndarray, table: np.ndarray) -> tuple[float, float, float, float]:
     """Curvature squared, weight along the tangent, weight along κ n, and the weight across the tract squared."""
-    c, u = _row_at(s, par, table)
-    kx, ky, kz = 2.0 * c[6] + 6.0 * u * c[9], 2.0 * c[7] + 6.0 * u * c[10], 2.0 * c[8] + 6.0 * u * c[11]
-    tx = c[3] + u * (2.0 * c[6] + 3.0 * u * c[9])
-    ty = c[4] + u * (2.0 * c[7] + 3.0 * u * c[10])
-    tz = c[5] + u * (2.0 * c[8] + 3.0 * u * c[11])
-    wx, wy, wz = par[WX], par[WY], par[WZ]
-    along = wx * tx + wy * ty + wz * tz
-    across = max(wx * wx + wy * wy + wz * wz - along * along, 0.0)
-    return kx * kx + ky * ky + kz * kz, along, wx * kx + wy * ky + wz * kz, across
+    _, t, k = curve_at(s, par, table)
+    w = par[WX], par[WY], par[WZ]
+    along = dot(w, t)
+    return dot(k, k), along, dot(w, k), max(dot(w, w) - along * along, 0.0)
 
 
-@njit(**_JIT)
+@kernel
 def _slope(
     force: float, per_speed: float, course: tuple[float, float, float, float], par: np.ndarray, direction: float
 ) -> tuple[float, float]:
@@ -75,7 +56,7 @@ def _slope(
     return rub * load - along, rub * grows * per_speed + par[DRAG]
 
 
-@njit(**_JIT)
+@kernel
 def _integrate(
     tips: np.ndarray,
     entries: np.ndarray,
@@ -106,15 +87,8 @@ class Tails:
     """The wires and tracts of scenarios, ready for `resistance`."""
 
     def __init__(self, scenarios: Sequence[Scenario]) -> None:
-        first: dict = {}
-        tables, rows = [], 0
-        for sc in scenarios:
-            if sc.tract not in first:
-                first[sc.tract] = rows
-                tables.append(sc.tract.table)
-                rows += len(sc.tract.table)
-        self._table = np.ascontiguousarray(np.vstack(tables))
-        self._par = np.array([_row(sc, first[sc.tract]) for sc in scenarios])
+        self._table, courses = tables([sc.tract for sc in scenarios])
+        self._par = np.hstack([courses, [_row(sc) for sc in scenarios]])
 
     def resistance(self, entries: np.ndarray, tips: np.ndarray, direction: float) -> tuple[np.ndarray, np.ndarray]:
         """The force that the tip must supply to move the wire behind it.
@@ -133,11 +107,7 @@ class Tails:
         return direction * force, per_speed
 
 
-def _row(sc: Scenario, first_row: int) -> list[float]:
-    tract, wire = sc.tract, sc.wire
+def _row(sc: Scenario) -> list[float]:
+    wire = sc.wire
     weight = wire.mass / wire.length * np.asarray(sc.gravity)
-    period = tract.length if tract.closed else 0.0
-    return [
-        first_row, len(tract.table) - 1, tract.row_spacing, period, wire.length, wire.bending_rigidity, *weight,
-        sc.contact.friction, sc.contact.drag,
-    ]  # fmt: skip
+    return [wire.length, wire.bending_rigidity, *weight, sc.contact.friction, sc.contact.drag]

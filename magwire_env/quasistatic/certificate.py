@@ -13,12 +13,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ..physics.checks import non_negative, positive
 from ..scenario import Scenario
-from ..simulation.locked.arrays import Library
-from ..simulation.simulator import Simulator
+from ..simulation import Library, Simulator
+from ..simulation.compiled import precise
 from .balance import Tails
 from .net_force import greatest
 
@@ -200,7 +199,7 @@ def _farthest_back(scenarios: Sequence[Scenario], commands: Sequence[np.ndarray]
     sim = Simulator(scenarios, len(lane), lane_scenario=lane)
     k = np.arange(swings)[:, None]
     scatter = np.tile((k + 0.5) / swings if dof == 1 else k * np.sqrt(_PRIMES[:dof]) % 1.0, (n, 1))
-    low, high = sim.library.dofs[lane, :, 1], sim.library.dofs[lane, :, 2]
+    _, low, high = sim.library.limits.of(lane)
     length = sim.library.wire_length[lane]
     sim.reset(
         np.maximum(length + np.where(np.arange(len(lane)) % 2, START_SPREAD, -START_SPREAD), 0.0),
@@ -214,7 +213,7 @@ def _farthest_back(scenarios: Sequence[Scenario], commands: Sequence[np.ndarray]
     for _ in range(round(_SWING_TIME / sim.control_period)):
         row = np.clip(np.rint(sim.tip_arclength / spacing), 0, last).astype(np.int64)
         sim.step(table[first + row])
-        lowest = np.minimum(lowest, sim.tip_trace.min(axis=1))
+        lowest = np.minimum(lowest, (sim.goals().s[:, None] - sim.remaining_trace).min(axis=1))
     return lowest.reshape(n, swings).min(axis=1) - between
 
 
@@ -249,7 +248,7 @@ def _verdict(
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@precise
 def traverse(way: np.ndarray, margin: np.ndarray, growth: np.ndarray, mass: float) -> tuple[np.ndarray, np.ndarray]:
     """Speeds (n,) m/s of a wire that sets off at rest, and times (n − 1,) s between places; 0 and ∞ after it stops.
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..scenario import Scenario, Turn
-from ..simulation.locked import algorithm1 as a1
-from ..simulation.locked.arrays import LaneArrays, Library
+from ..scenario import Scenario
+from ..simulation import Library, Places, Simulator
+from ..simulation.model import require
 from .net_force import FINE, search
 
 __all__ = ["best_command", "drive_at", "force_map"]
@@ -19,21 +19,19 @@ def drive_at(scenario: Scenario, commands: np.ndarray, arclengths: np.ndarray) -
 
     The generalised force along the tract under the scenario's coupling, from the kernel that also moves the wire.
     """
+    require(scenario, "quasistatic", "a force map")
     library = Library([scenario])
     arclengths = np.asarray(arclengths, dtype=np.float64)
     commands = np.asarray(commands, dtype=np.float64)
     drive = np.empty(len(arclengths))
-    arrays: LaneArrays | None = None
+    sim: Simulator | None = None
     for start in range(0, len(drive), _LANES_AT_ONCE):
         part = slice(start, min(start + _LANES_AT_ONCE, len(drive)))
-        lanes = np.arange(part.stop - part.start)
-        if arrays is None or arrays.n != len(lanes):
-            arrays = LaneArrays(library, len(lanes))
-        s = np.zeros((len(lanes), library.nodes))
-        s[:, -1] = arclengths[part]  # only the tip carries a magnet
-        arrays.write(lanes, s, None, commands[part])
-        arrays.refresh(lanes)
-        drive[part] = arrays.result(a1.DRIVE)
+        n = part.stop - part.start
+        if sim is None or sim.num_envs != n:
+            sim = Simulator(library, n, lane_scenario=np.zeros(n, dtype=np.int64))
+        sim.lay(np.arange(n), Places(arclengths[part]), commands[part])
+        drive[part] = sim.drive_force
     return drive
 
 
@@ -72,7 +70,5 @@ def best_command(scenario: Scenario, arclengths: np.ndarray, direction: float = 
 
 def command_range(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     """The command's range, (dof,) lowest and highest: home ± π for turns, the limits for slides."""
-    dofs = scenario.rig.dofs
-    low = [d.home - np.pi if isinstance(d, Turn) else d.low for d in dofs]
-    high = [d.home + np.pi if isinstance(d, Turn) else d.high for d in dofs]
-    return np.array(low), np.array(high)
+    _, low, high = np.array(scenario.rig.limits).T
+    return low, high

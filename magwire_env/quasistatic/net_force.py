@@ -12,11 +12,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ..scenario import Scenario
-from ..simulation.locked import algorithm1 as a1
-from ..simulation.locked.arrays import LaneArrays, Library
+from ..simulation import Library, Places, Simulator
+from ..simulation.compiled import precise
+from ..simulation.magnetics import SLOT
+from ..simulation.model import require
 
 __all__ = ["COARSE", "FINE", "OBJECTIVES", "Search", "TipForces", "greatest", "search"]
 
@@ -76,39 +77,34 @@ class TipForces:
             raise ValueError(f"objective must be one of {', '.join(OBJECTIVES)}, got {objective!r}")
         self.library, self.entries, self.n = library, entries, len(entries)
         self.direction, self._net = (1.0 if direction >= 0 else -1.0), objective == "net"
-        self._all = np.arange(self.n)
-        self._lanes = LaneArrays(library, self.n)
-        self._lanes.take(self._all, entries)
-        s = np.zeros((self.n, library.nodes))
-        s[:, -1] = arclengths  # only the tip carries a magnet
-        self._lanes.write(self._all, s, None, library.home[entries])
-        self._lanes.refresh(self._all)
-        self.position = self._lanes.results(a1.TIP_X)
+        require(library.scenarios[0], "quasistatic", "the net force on a tip")
+        self._sim = Simulator(library, self.n, lane_scenario=entries)
+        self._sim.lay(np.arange(self.n), Places(arclengths), library.home[entries])
+        self.position = self._sim.tip_position
         contacts = [sc.contact for sc in library.scenarios]
         self._mu = np.array([c.friction for c in contacts])[entries]
         self._lever = np.array([float(c.lever_friction) for c in contacts])[entries]
         weight = np.array([np.multiply(sc.tip.mass or 0.0, sc.gravity) for sc in library.scenarios])[entries]
-        tangent = self._lanes.results(a1.TAN_X)
+        tangent = self._sim.tip_tangent
         self._along = self.direction * (weight * tangent).sum(axis=1)
         self._across = (weight - self.direction * self._along[:, None] * tangent) if weight.any() else None
 
     def force(self, commands: np.ndarray) -> np.ndarray:
         """Drive less the tip's friction (or the drive alone) along the motion: commands (n, dof) rad and m → (n,) N."""
-        lanes = self._lanes
-        lanes.write(self._all, magnet=commands)
-        lanes.refresh(self._all)
-        drive = self.direction * lanes.result(a1.DRIVE)
+        sim = self._sim
+        sim.set_rig(commands)
+        drive = self.direction * sim.drive_force
         if not self._net:
             return drive
-        lateral = lanes.result(a1.LATERAL)
+        lateral = sim.lateral_force
         load = lateral if self._across is None else self._load_with_weight()
         if self._lever.any():
-            load = load + self._lever * (lanes.result(a1.WALL) - lateral)
+            load = load + self._lever * (sim.wall_force - lateral)
         return drive + self._along - self._mu * load
 
     def _load_with_weight(self) -> np.ndarray:
         """Size of magnetic force and weight across the tract at the tip, (n,) N."""
-        pull, tangent = self._lanes.results(a1.FX), self._lanes.results(a1.TAN_X)
+        pull, tangent = self._sim.tip_force, self._sim.tip_tangent
         across = pull - (pull * tangent).sum(axis=1, keepdims=True) * tangent + self._across
         return np.sqrt(np.einsum("ij,ij->i", across, across))
 
@@ -178,7 +174,7 @@ def _edges(entries: np.ndarray) -> np.ndarray:
 def _grid_search(tips: TipForces, how: Search) -> np.ndarray:
     """The best command of a grid at every place, (n, dof)."""
     library = tips.library
-    low, high = library.dofs[tips.entries, :, 1], library.dofs[tips.entries, :, 2]
+    _, low, high = library.limits.of(tips.entries)
     middle, half = _searched_range(tips)
     best, force = np.empty(low.shape), np.full(tips.n, -np.inf)
     for shares in _grid(library.is_turn, how):
@@ -195,12 +191,12 @@ def _searched_range(tips: TipForces) -> tuple[np.ndarray, np.ndarray]:
     Turns and currents are searched over their whole range, a slide where its magnet is within `_NEAR` of the tip.
     """
     library = tips.library
-    low, high = library.dofs[tips.entries, :, 1], library.dofs[tips.entries, :, 2]
+    _, low, high = library.limits.of(tips.entries)
     middle, half = (low + high) / 2, (high - low) / 2
-    for m, slots in enumerate(library.rig):
+    for m, slots in enumerate(library.rigs.slots):
         for axis in range(3):
-            if (d := slots[a1.TURN_SLOTS + axis]) >= 0:
-                middle[:, d] = tips.position[:, axis] - library.magnets[tips.entries, m, axis]
+            if (d := slots[SLOT.slide_x + axis]) >= 0:
+                middle[:, d] = tips.position[:, axis] - library.rigs.magnets[tips.entries, m, axis]
                 half[:, d] = _NEAR
     return middle, half
 
@@ -217,7 +213,7 @@ def _grid(is_turn: np.ndarray, how: Search) -> Iterator[np.ndarray]:
 def _pattern_search(tips: TipForces, best: np.ndarray, how: Search) -> tuple[np.ndarray, np.ndarray]:
     """Local search from `best` (n, dof), and from what neighbouring places found: commands, and forces (n,) N."""
     library, entries = tips.library, tips.entries
-    low, high = library.dofs[entries, :, 1], library.dofs[entries, :, 2]
+    _, low, high = library.limits.of(entries)
     is_turn = library.is_turn
     best, force = best.copy(), tips.force(best)
 
@@ -246,7 +242,7 @@ def _pattern_search(tips: TipForces, best: np.ndarray, how: Search) -> tuple[np.
     return best, force
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@precise
 def _join(
     commands: np.ndarray,
     scenario: np.ndarray,
@@ -275,7 +271,7 @@ def _join(
             here[d] -= 2 * np.pi * np.round((here[d] - last[d]) / (2 * np.pi))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@precise
 def _apart(a: float, b: float) -> float:
     """Angle between two angles, rad."""
     gap = a - b
@@ -288,13 +284,13 @@ def _continuous(library: Library, entries: np.ndarray, commands: np.ndarray) -> 
     `commands` (n, dof) is changed in place and returned.
     """
     pairs, offsets = [], []
-    for slots in library.rig:
-        first, second = slots[5:7]
-        if slots[1] >= 0 and "xyz"[first] != "z" and first != second:
-            pairs.append(slots[:2])
+    for slots in library.rigs.slots:
+        first, second = slots[SLOT.axis_1], slots[SLOT.axis_2]
+        if slots[SLOT.turn_2] >= 0 and "xyz"[first] != "z" and first != second:
+            pairs.append(slots[[SLOT.turn_1, SLOT.turn_2]])
             offsets.append(0.0 if "xyz"[second] == "z" else np.pi)
     _join(
-        commands, entries, library.home[entries], library.dofs[entries, :, 0], np.flatnonzero(library.is_turn),
+        commands, entries, library.home[entries], library.limits.speed[entries], np.flatnonzero(library.is_turn),
         np.array(pairs, dtype=np.int64).reshape(-1, 2), np.array(offsets, dtype=np.float64),
     )  # fmt: skip
     return commands

@@ -9,8 +9,7 @@ from magwire_env.physics import Tract
 from magwire_env.quasistatic.balance import Tails
 from magwire_env.quasistatic.net_force import TipForces, greatest
 from magwire_env.scenario import Contact, Scenario, Timing
-from magwire_env.simulation import Simulator
-from magwire_env.simulation.locked.arrays import Library
+from magwire_env.simulation import Library, Simulator
 from tests.support.scenes import bent, world
 
 PAPER = Scenario.paper()

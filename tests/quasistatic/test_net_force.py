@@ -10,8 +10,7 @@ import pytest
 from magwire_env.quasistatic.net_force import TipForces, greatest
 from magwire_env.quasistatic.pool import candidates
 from magwire_env.scenario import Rig, Scenario, Turn
-from magwire_env.simulation import best_command
-from magwire_env.simulation.locked.arrays import Library
+from magwire_env.simulation import Library, best_command
 
 PAPER = Scenario.paper()
 

@@ -9,7 +9,7 @@ from agents.controllers.command_table import CommandTable
 from magwire_env import Scenario
 from magwire_env.quasistatic import certificate
 from magwire_env.quasistatic.net_force import greatest
-from magwire_env.simulation.locked.arrays import Library
+from magwire_env.simulation import Library
 
 PAPER, FIRST = Scenario.paper(), np.zeros(1, dtype=np.int64)
 

@@ -9,7 +9,7 @@ from agents.par.speed_table import speed_tables
 from magwire_env import Scenario, Simulator
 from magwire_env.quasistatic.pool import scenario_pool
 from magwire_env.scenario import Timing
-from magwire_env.simulation.locked.arrays import Library
+from magwire_env.simulation import Library
 
 PAPER = Scenario.paper()
 
