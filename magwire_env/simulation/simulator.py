@@ -70,13 +70,13 @@ class Simulator:
         self.num_envs = int(n)
         self.library = scenario if isinstance(scenario, Library) else Library(scenarios)
         self.time = np.zeros(n)
-        self._threads, self._period = threads, self.library.timing.control_period
+        self._threads, self._period = threads, self.library.control_period
         self._scratch: Simulator | None = None
         self._lock = threading.RLock()
         self.rig = RigLanes(self.library.rigs, self.num_envs)
         self.readout = aligned_zeros(len(ROW), self.rig.lanes)
         """Live rows over the lanes, see `magwire_env.simulation.readout.Readout`: for other compiled code, to read."""
-        self.trace = aligned_zeros(self.library.timing.substeps + 1, self.rig.lanes)
+        self.trace = aligned_zeros(self.library.substeps + 1, self.rig.lanes)
         """Live, m: the way left at the start of the last control period and after each of its substeps, a row each."""
         model = model_class(self.library.model)
         self.model: WireModel = model(self.library, self.rig, self.readout, self.trace, threads)
@@ -117,7 +117,7 @@ class Simulator:
     @property
     def control_period(self) -> float:
         """s."""
-        return self.library.timing.control_period
+        return self.library.control_period
 
     def supports(self, feature: str) -> bool:
         """Whether the wire model has `feature`, see `magwire_env.simulation.model.FEATURES`."""
@@ -184,8 +184,8 @@ class Simulator:
         with self._lock:
             if goals is not None:
                 self._aim(lanes, goals)
-            self.model.lay(lanes, places)
             self.rig.q[:, lanes] = magnet.T
+            self.model.lay(lanes, places)
             self.model.refresh(lanes)
             self.time[lanes] = 0.0
 
