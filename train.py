@@ -19,7 +19,7 @@ from typing import Any, Literal
 import gymnasium as gym
 import tyro
 
-BAD_INPUT = (ValueError, FileNotFoundError, FileExistsError, gym.error.Error)
+BAD_INPUT = (ValueError, OSError, gym.error.Error)
 """What ends the program with one line in place of a traceback."""
 
 
@@ -49,6 +49,8 @@ class Config:
     """Episodes of the final evaluation."""
     resume: bool = False
     """Go on from the last checkpoint in the run folder."""
+    trust: bool = False
+    """Also open files of earlier versions (model.zip, pickles), which run any program that stands in them."""
     progress: bool = field(default_factory=lambda: sys.stderr.isatty())
     """Show a progress bar."""
 
@@ -58,7 +60,7 @@ def main(config: Config) -> dict[str, Any]:
     from agents.cli.pictures import leave_in
     from agents.controllers import CONTROLLERS
     from agents.evaluation.evaluator import evaluate, table
-    from agents.learning.sb3 import load
+    from agents.learning import load
     from agents.learning.training import Run, learn, learning_curve
 
     run = Run.open(config)

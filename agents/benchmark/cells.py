@@ -17,8 +17,11 @@ from magwire_env.envs.core import SteeringCore
 from ..controllers import CONTROLLERS
 from ..evaluation.evaluator import EVALUATION_SEED, evaluate, make_batch
 from ..evaluation.robustness import sweep
-from ..learning.sb3 import load
-from ..learning.training import Run, learn
+from ..learning import load
+from ..learning.run_folder import Checkpoints, locked, write_whole
+from ..learning.scenario_copy import digest, text_for
+from ..learning.stored import read_json
+from ..learning.training import Run, curve_of, learn
 from ..par.bound import Fastest
 from .plan import PAR, Cell, Plan
 
@@ -33,15 +36,8 @@ def make(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
     started = time.perf_counter()
     result = _KINDS[cell.kind](plan, cell, out)
     record = {"settings": plan.settings(cell), "seconds": time.perf_counter() - started, **result}
-    _write(cell.file(out), record)
+    write_whole(cell.file(out), json.dumps(record))
     return record
-
-
-def _write(file: Path, record: dict[str, Any]) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    partial = file.with_suffix(".part")
-    partial.write_text(json.dumps(record), encoding="utf-8")
-    partial.replace(file)
 
 
 def _train(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
@@ -53,20 +49,27 @@ def _train(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
     }  # fmt: skip
     resumed = _resumable(folder, settings)
     if not resumed and folder.exists():
-        shutil.rmtree(folder)
+        with locked(folder):  # nobody trains there
+            shutil.rmtree(folder)
     run = Run.open(train.Config(run=folder, resume=resumed, **asked))
     if not learn(run):
         raise KeyboardInterrupt
-    curve = (folder / "learning_curve.csv").read_text(encoding="utf-8")
+    curve_file = curve_of(folder)
+    assert curve_file is not None  # it has been evaluated at its end
+    curve = curve_file.read_text(encoding="utf-8")
     versions = json.loads((folder / "versions.json").read_text(encoding="utf-8"))
     return {"run": folder.name, "resumed": resumed, "curve": curve, "versions": versions}
 
 
 def _resumable(folder: Path, settings: dict[str, Any]) -> bool:
-    if not (folder / "config.json").exists() or not (folder / "last" / "model.json").exists():
+    """A checkpoint stands in `folder`, of a training with the same settings."""
+    if not (folder / "config.json").exists() or Checkpoints(folder).newest() is None:
         return False
-    stored = json.loads((folder / "config.json").read_text(encoding="utf-8"))
-    return stored["hyperparameters"] == json.loads(json.dumps(settings["hyperparameters"]))
+    stored = read_json(folder / "config.json").tree
+    text = text_for(settings["task"], settings["scenario"])
+    return stored.get("hyperparameters") == json.loads(json.dumps(settings["hyperparameters"])) and stored.get(
+        "scenario_sha256"
+    ) == (None if text is None else digest(text))
 
 
 def _policy(plan: Plan, cell: Cell, out: Path) -> tuple[Any, dict[str, Any]]:
@@ -78,7 +81,7 @@ def _policy(plan: Plan, cell: Cell, out: Path) -> tuple[Any, dict[str, Any]]:
     if plan.record(training, out) is None:
         raise FileNotFoundError(f"the cell {training.name!r} is not finished: no model to play with")
     model = load(training.run(out))
-    own = model.meta["env"]
+    own = model.env_settings
     if env.get("split") is not None:
         own = {k: v for k, v in own.items() if k not in ("split", "pool_size")}
     return model, own | env

@@ -17,7 +17,7 @@ from magwire_env.envs.task import TASKS, Task
 from ..controllers import CONTROLLERS
 from ..evaluation.evaluator import EVALUATION_SEED
 from ..evaluation.robustness import DISTURBANCES
-from ..learning.sb3 import hyperparameters
+from ..learning.hyperparameters import hyperparameters
 
 __all__ = ["ARENAS", "FLOORS", "HARD", "LEARNERS", "PAR", "Arena", "Cell", "Learner", "Plan", "plain_name"]
 

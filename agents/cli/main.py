@@ -12,6 +12,7 @@ import tyro
 
 import train
 from agents.cli import view as view_cli
+from agents.cli.export import Export, export
 from train import BAD_INPUT
 
 __all__ = ["main"]
@@ -27,9 +28,9 @@ class Evaluate:
     """Evaluate a trained model or a controller over a fixed list of episode seeds."""
 
     policy: tyro.conf.Positional[str]
-    """A run or model folder, or a controller's name, such as MaxForce."""
+    """A run's or policy's folder, or a controller's name, such as MaxForce."""
     task: str | None = None
-    """Environment id; by default the model's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     episodes: int = 200
     """Number of episode seeds."""
     scenario: str | None = None
@@ -40,6 +41,8 @@ class Evaluate:
     """Score against Optimal on the same starts, which takes minutes the first time."""
     out: Path | None = None
     """Write the summary and every episode here as JSON."""
+    trust: bool = False
+    """Also open a model.zip or pickle, which runs any program that stands in it."""
 
 
 @dataclass
@@ -47,9 +50,9 @@ class Robustness:
     """Sweep friction, remanence, the magnet's place, force noise and delay; write a heat map and its numbers."""
 
     policy: tyro.conf.Positional[str]
-    """A run or model folder, or a controller's name."""
+    """A run's or policy's folder, or a controller's name."""
     task: str | None = None
-    """Environment id; by default the model's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     episodes: int = 50
     """Number of episode seeds for each disturbance."""
     scenario: str | None = None
@@ -60,6 +63,8 @@ class Robustness:
     """Score against Optimal, undisturbed; else against the policy itself, undisturbed."""
     out: Path = Path("robustness")
     """Folder to write to."""
+    trust: bool = False
+    """Also open a model.zip or pickle, which runs any program that stands in it."""
 
 
 @dataclass
@@ -116,7 +121,7 @@ def _par(options: Evaluate | Robustness) -> tuple[str, ...]:
 def _chosen(options: Evaluate | Robustness) -> tuple[Any, str, str, dict[str, Any], dict[str, Any]]:
     """Policy (or what makes one), its name, task, its env's settings, and those of the other policies' env."""
     from agents.controllers import CONTROLLERS
-    from agents.learning.sb3 import load
+    from agents.learning import load
     from magwire_env.envs.task import TASKS
 
     if options.episodes < 1:
@@ -126,10 +131,12 @@ def _chosen(options: Evaluate | Robustness) -> tuple[Any, str, str, dict[str, An
     if options.policy in CONTROLLERS:
         asked, name = CONTROLLERS[options.policy].from_env, options.policy
     elif policy.is_dir():
-        asked, name = load(policy), policy.name
-        task, own = task or asked.meta["task"], dict(asked.meta.get("env", {}))
+        asked, name = load(policy, options.trust), policy.name
+        task, own = task or asked.task, asked.env_settings
     else:
-        raise ValueError(f"policy must be a model folder or one of {', '.join(CONTROLLERS)}; got {options.policy!r}")
+        raise ValueError(
+            f"policy must be a run's or policy's folder or one of {', '.join(CONTROLLERS)}; got {options.policy!r}"
+        )
     task = task or "MagWire/Steer-v0"
     if options.scenario is not None:
         own["scenario"] = options.scenario
@@ -263,6 +270,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Run one subcommand; bad input ends with one line and status 1."""
     commands: Any = (
         Annotated[Train, tyro.conf.subcommand("train")]
+        | Annotated[Export, tyro.conf.subcommand("export")]
         | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
         | Annotated[Robustness, tyro.conf.subcommand("robustness")]
         | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
@@ -274,7 +282,9 @@ def main(arguments: list[str] | None = None) -> None:
         commands = commands | command
     options = tyro.cli(commands, prog="magwire", description=__doc__, args=arguments)  # type: ignore[call-overload]
     try:
-        if isinstance(options, Evaluate):
+        if isinstance(options, Export):
+            export(options)
+        elif isinstance(options, Evaluate):
             evaluate(options)
         elif isinstance(options, Robustness):
             robustness(options)

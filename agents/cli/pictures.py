@@ -46,8 +46,12 @@ class Trace:
         return np.array([getattr(m, field) for m in self.moments])
 
 
-def chosen(policy: str, task: str | None, scenario: str | None) -> tuple[Any, str, str, dict[str, Any]]:
-    """A run or model folder, or a controller's name → policy (or what makes one), its name, task, env settings.
+def chosen(
+    policy: str, task: str | None, scenario: str | None, trust: bool = False
+) -> tuple[Any, str, str, dict[str, Any]]:
+    """A run's or policy's folder, or a controller's name → policy (or what makes one), its name, task, env settings.
+
+    trust : see `agents.learning.load`
 
     Raises `ValueError` if it is neither.
     """
@@ -56,11 +60,11 @@ def chosen(policy: str, task: str | None, scenario: str | None) -> tuple[Any, st
         return CONTROLLERS[policy].from_env, policy, task or "MagWire/Steer-v0", settings
     if not Path(policy).is_dir():
         raise ValueError(f"policy must be a run folder or one of {', '.join(CONTROLLERS)}; got {policy!r}")
-    need("stable_baselines3", "a trained model", "train")
-    from agents.learning.sb3 import load
+    need("safetensors", "a trained policy", "policy")
+    from agents.learning import load
 
-    model = load(policy)
-    return model, Path(policy).name, task or model.meta["task"], model.meta.get("env", {}) | settings
+    model = load(policy, trust)
+    return model, Path(policy).name, task or model.task, model.env_settings | settings
 
 
 def _episode(env: gym.Env, policy: Any, seed: int) -> Iterator[tuple[bool, dict[str, Any]]]:

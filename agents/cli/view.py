@@ -27,6 +27,10 @@ class Play:
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = 0
     """Of the first episode; the next ones count on."""
+    against: str = "MaxForce"
+    """Whose time is to be beaten: a run's or policy's folder, or a controller's name."""
+    trust: bool = False
+    """Also open a model.zip or pickle, which runs any program that stands in it."""
 
 
 @dataclass
@@ -34,7 +38,7 @@ class View:
     """Serve a 3-D page for the browser: turn the magnet by hand, or watch a policy do it."""
 
     policies: tyro.conf.Positional[tuple[Path, ...]] = ()
-    """Run or model folders to choose from beside the controllers; those under runs/ are found by themselves."""
+    """Folders of runs or policies to choose from beside the controllers; no other can be chosen."""
     task: str = "MagWire/Steer-v0"
     """Environment id to begin with."""
     scenario: str | None = None
@@ -45,6 +49,8 @@ class View:
     """Port to serve on, or the next free one."""
     seed: int = 0
     """Of the first episode; the next ones count on."""
+    trust: bool = False
+    """Also open a model.zip or pickle, which runs any program that stands in it."""
 
 
 @dataclass
@@ -52,9 +58,9 @@ class Video:
     """Write a video of one evaluation episode."""
 
     policy: tyro.conf.Positional[str]
-    """A run or model folder, or a controller's name."""
+    """A run's or policy's folder, or a controller's name."""
     task: str | None = None
-    """Environment id; by default the model's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = EVALUATION_SEED
@@ -63,6 +69,8 @@ class Video:
     """Of the video, times real time."""
     out: Path | None = None
     """.mp4 or .gif; by default episode.mp4 in the run's folder, or here."""
+    trust: bool = False
+    """Also open a model.zip or pickle, which runs any program that stands in it."""
 
 
 @dataclass
@@ -70,15 +78,17 @@ class Plot:
     """Plot a run: its learning curve, its way over the force map, arc length over time beside MaxForce."""
 
     policy: tyro.conf.Positional[str]
-    """A run or model folder, or a controller's name."""
+    """A run's or policy's folder, or a controller's name."""
     task: str | None = None
-    """Environment id; by default the model's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = EVALUATION_SEED
     """Of the episode."""
     out: Path | None = None
     """Folder to write to; by default the run's, or here."""
+    trust: bool = False
+    """Also open a model.zip or pickle, which runs any program that stands in it."""
 
 
 LOOKS = (Play, View, Video, Plot)
@@ -92,20 +102,19 @@ def look(options: Any) -> None:
 
 def _play(options: Play) -> None:
     need("pygame", "playing")
+    from agents.cli.pictures import chosen, trace
     from magwire_env.render.play import Game, play
 
     settings: dict[str, Any] = {} if options.scenario is None else {"scenario": options.scenario}
     env = gym.make(options.task, **settings)
-    play(Game(env, options.seed, lambda seed: _time_of_max_force(options.task, seed, settings), "MaxForce"))
+    policy, name, _, own = chosen(options.against, options.task, options.scenario, options.trust)
 
+    def time_of(seed: int) -> float | None:
+        """s from the start of the episode seeded so to its goal, None if the policy does not get there."""
+        one = trace(policy, name, options.task, seed, **own | settings)
+        return one.seconds if one.success else None
 
-def _time_of_max_force(task: str, seed: int, settings: dict[str, Any]) -> float | None:
-    """s from the start of the episode seeded so to its goal, None if it does not get there."""
-    from agents.cli.pictures import trace
-    from agents.controllers import CONTROLLERS
-
-    one = trace(CONTROLLERS["MaxForce"].from_env, "MaxForce", task, seed, **settings)
-    return one.seconds if one.success else None
+    play(Game(env, options.seed, time_of, name))
 
 
 def _view(options: View) -> None:
@@ -113,9 +122,8 @@ def _view(options: View) -> None:
     from magwire_env.render.browser import Page
 
     tasks = (options.task, *(t for t in magwire_env.TASK_IDS if t != options.task))
-    page = Page(
-        tasks, _scenarios(options.scenario), _policies(options.policies), options.host, options.port, options.seed
-    )
+    policies = _policies(options.policies, options.trust)
+    page = Page(tasks, _scenarios(options.scenario), policies, options.host, options.port, options.seed)
     print(f"look at {page.url}; Ctrl-C ends it", flush=True)
     try:
         page.run()
@@ -133,37 +141,37 @@ def _scenarios(first: str | None) -> dict[str, Any]:
     return found | {path.stem: Scenario.load(path) for path in sorted(folder.glob("*.toml")) if path.stem != first}
 
 
-def _policies(folders: tuple[Path, ...]) -> dict[str, Callable[[gym.Env], Any]]:
-    """Controllers, and trained models: those of `folders`, and the runs under runs/."""
+def _policies(folders: tuple[Path, ...], trust: bool) -> dict[str, Callable[[gym.Env], Any]]:
+    """Controllers, and the trained policies of `folders`, read before the page is there."""
     from agents.controllers import CONTROLLERS
 
     found: dict[str, Callable[[gym.Env], Any]] = {name: kind.from_env for name, kind in CONTROLLERS.items()}
-    runs = [p.parent.parent for p in sorted(Path("runs").glob("*/best/model.zip"))]
-    for folder in dict.fromkeys((*folders, *runs)):
-        found[str(folder)] = _lazily(folder)
+    if folders:
+        need("safetensors", "a trained policy", "policy")
+        from agents.learning import load
+
+        found |= {str(folder): _fitting(load(folder, trust)) for folder in dict.fromkeys(folders)}
     return found
 
 
-def _lazily(folder: Path) -> Callable[[gym.Env], Any]:
-    """What loads a model when it is chosen, and says if it was trained on other observations."""
+def _fitting(policy: Any) -> Callable[[gym.Env], Any]:
+    """What gives a trained policy to an env, or says that it was trained on other observations."""
 
-    def load(env: gym.Env) -> Any:
-        need("stable_baselines3", "a trained model", "train")
-        from agents.learning.sb3 import load
-
-        policy = load(folder)
-        wanted, seen = policy.model.observation_space.shape, env.observation_space.shape
-        if wanted != seen:
-            raise ValueError(f"it was trained on observations of shape {wanted}, this task's have {seen}")
+    def give(env: gym.Env) -> Any:
+        channels = env.unwrapped.core.observer.names  # type: ignore[attr-defined]
+        if (policy.size,) != env.observation_space.shape or policy.about.channels != tuple(channels):
+            raise ValueError(
+                f"it was trained to see {', '.join(policy.about.channels)}; this task shows {', '.join(channels)}"
+            )
         return policy
 
-    return load
+    return give
 
 
 def _video(options: Video) -> None:
     from agents.cli.pictures import chosen, film
 
-    policy, _, task, settings = chosen(options.policy, options.task, options.scenario)
+    policy, _, task, settings = chosen(options.policy, options.task, options.scenario, options.trust)
     path = options.out or _folder(options.policy) / "episode.mp4"
     film(policy, path, task, options.seed, options.speed, **settings)
     print(path)
@@ -173,13 +181,13 @@ def _plot(options: Plot) -> None:
     need("matplotlib", "plotting", "train")
     from agents.cli.pictures import chosen, plots
 
-    policy, name, task, settings = chosen(options.policy, options.task, options.scenario)
+    policy, name, task, settings = chosen(options.policy, options.task, options.scenario, options.trust)
     folder = options.out or _folder(options.policy)
     written = plots(policy, name, folder, task, options.seed, **settings)
-    if (Path(options.policy) / "learning_curve.csv").exists():
+    if (Path(options.policy) / "config.json").exists():
         from agents.learning.training import Run, learning_curve
 
-        learning_curve(Run.at(Path(options.policy)), folder)
+        learning_curve(Run.at(Path(options.policy), options.trust), folder)
         written.append(folder / "learning_curve.png")
     print("\n".join(map(str, written)))
 

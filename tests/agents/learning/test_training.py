@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import yaml
-from stable_baselines3.common.vec_env import VecFrameStack
 
 import train
 from agents.cli.main import main as magwire
-from agents.learning.sb3 import NativeVecEnv, frozen, hyperparameters, load, make_model, make_vec_env
+from agents.learning import load
+from agents.learning.hyperparameters import hyperparameters
+from agents.learning.run_folder import Checkpoints
+from agents.learning.sb3 import NativeVecEnv, make_vec_env
 from agents.learning.training import Run
 from agents.learning.tuning import SPACES, tune
 from magwire_env.quasistatic.pool import scenario_pool
@@ -40,24 +36,16 @@ def test_a_run_leaves_everything_behind(run):
     folder, results = run
     names = {p.name for p in folder.iterdir()}
     assert {"config.json", "versions.json", "results.json", "learning_curve.csv", "learning_curve.png"} <= names
-    assert {"best", "last", "tensorboard"} <= names
+    assert {"checkpoints", "scenario.toml", "tensorboard"} <= names
+    checkpoint = Checkpoints(folder).newest()
+    assert [p.name for p in (folder / "checkpoints").iterdir()] == [checkpoint.name]
+    for place in ("best", "last"):
+        assert {"policy.json", "policy.safetensors", "policy.onnx"} <= {p.name for p in (checkpoint / place).iterdir()}
     assert json.loads((folder / "results.json").read_text()) == results
     assert set(results) == {"trained PPO", "MaxForce", "ConstantRotation", "Random"}
     assert json.loads((folder / "config.json").read_text())["config"]["seed"] == 0
     assert "torch" in json.loads((folder / "versions.json").read_text())
     assert (folder / "learning_curve.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-
-
-def test_a_loaded_model_brings_its_normalisation(run):
-    policy = load(run[0])
-    observation, _ = gym.make(ID).reset(seed=0)
-    action, _ = policy.predict(observation)
-    raw, _ = policy.model.predict(observation, deterministic=True)
-    assert not np.allclose(action, raw)
-    assert np.allclose(
-        action, policy.model.predict(policy.normalization.normalize_obs(observation), deterministic=True)[0]
-    )
-    assert np.array_equal(load(run[0]).predict(observation)[0], action)
 
 
 def test_same_seed_same_model(tmp_path):
@@ -87,77 +75,14 @@ def test_resume_of_a_finished_run_only_evaluates_again(run):
     assert train.main(train.Config(run=folder, resume=True, **SMALL)) == results
 
 
-@pytest.mark.parametrize("name", ["model.zip", "normalization.pkl", "model.json"])
-def test_a_truncated_model_file_is_named(run, tmp_path, name):
-    folder = tmp_path / "copy"
-    shutil.copytree(run[0] / "best", folder)
-    content = (folder / name).read_bytes()
-    (folder / name).write_bytes(content[: len(content) // 2])
-    with pytest.raises(ValueError, match=f"{name} is (truncated|damaged)"):
-        load(folder)
-    (folder / name).unlink()
-    with pytest.raises(FileNotFoundError, match=f"holds no {name}"):
-        load(folder)
-
-
-def test_a_model_of_an_env_that_is_no_more_says_so(run, tmp_path):
-    folder = tmp_path / "copy"
-    shutil.copytree(run[0] / "best", folder)
-    meta = json.loads((folder / "model.json").read_text())
-    (folder / "model.json").write_text(json.dumps(meta | {"env": {"observe": ["no_such_channel"]}}))
-    with pytest.raises(ValueError, match="asks for an env that cannot be made: observe must name"):
-        load(folder)
-
-
-def test_ctrl_c_saves_and_resume_goes_on(tmp_path):
-    folder = tmp_path / "stopped"
-    command = [sys.executable, "train.py", "--run", str(folder), "--timesteps", "400000", "--n-envs", "32"]
-    process = subprocess.Popen(
-        [*command, "--evaluations", "200", "--episodes", "4"], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    deadline = time.monotonic() + 120
-    while not (folder / "best" / "model.json").exists() and time.monotonic() < deadline:
-        time.sleep(0.2)
-    os.kill(process.pid, signal.SIGINT)
-    out, err = process.communicate(timeout=60)
-    assert process.returncode == 0, err.decode()
-    assert b"interrupted and saved" in out
-    from agents.learning.sb3 import load_parts
-
-    done = load_parts(folder / "last")[0].num_timesteps
-    assert 0 < done < 400_000
-    config = json.loads((folder / "config.json").read_text())
-    config["hyperparameters"]["n_timesteps"] = done + 2048
-    (folder / "config.json").write_text(json.dumps(config))
-    results = train.main(train.Config(run=folder, resume=True, episodes=4, progress=False))
-    assert load_parts(folder / "last")[0].num_timesteps >= done + 2048
-    assert results["MaxForce"]["summary"]["episodes"] == 4
-
-
 @pytest.mark.parametrize("algorithm", ["sac", "tqc", "crossq", "stacked_ppo"])
 def test_the_other_algorithms_train_too(tmp_path, algorithm):
     settings = SMALL | {"timesteps": 4096, "n_envs": 128, "evaluations": 1, "episodes": 2}
     results = train.main(train.Config(run=tmp_path / algorithm, algorithm=algorithm, **settings))
     assert f"trained {algorithm.upper()}" in results
     policy = load(tmp_path / algorithm)
-    env = gym.make(ID, **policy.meta["env"])
+    env = gym.make(ID, **policy.env_settings)
     assert env.action_space.contains(policy.predict(env.reset(seed=0)[0])[0])
-
-
-def test_a_policy_of_stacked_frames_sees_what_sb3_showed_it():
-    venv = make_vec_env(ID, 3, seed=0, frame_stack=4, time_limit=0.3)
-    model = make_model("stacked_ppo", venv, 0, {"normalize": {}})
-    policy = frozen(model, {"frame_stack": 4})
-    assert isinstance(venv, VecFrameStack)
-    raw = NativeVecEnv(gym.make_vec(ID, num_envs=3, autoreset_mode="SameStep", time_limit=0.3).unwrapped, seed=0)
-    stacked, newest, state, starts = venv.reset(), raw.reset(), None, np.ones(3, dtype=bool)
-    for _ in range(7):  # two ends of episodes among them
-        actions, state = policy.predict(newest, state=state, episode_start=starts)
-        assert np.array_equal(state, stacked)
-        stacked, _, starts, _ = venv.step(actions)
-        newest = raw.step(actions)[0]
-    one, _ = policy.predict(newest[0])
-    assert one.shape == (1,)
 
 
 def test_what_is_for_training_alone_reaches_no_evaluation(tmp_path):
@@ -225,7 +150,7 @@ def test_the_command_evaluates_a_controller_and_a_model(run, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["evaluate", "NoSuch"], "policy must be a model folder or one of MaxForce"),
+        (["evaluate", "NoSuch"], "policy must be a run's or policy's folder or one of MaxForce"),
         (["evaluate", "MaxForce", "--episodes", "0"], "episodes must be at least 1"),
         (["evaluate", "MaxForce", "--scenario", "missing"], "no shipped scenario of that name"),
         (["train", "--task", "MagWire/None-v9"], "exist in namespace MagWire"),
