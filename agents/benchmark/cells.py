@@ -23,6 +23,7 @@ from ..learning.scenario_copy import digest, text_for
 from ..learning.stored import read_json
 from ..learning.training import Run, curve_of, learn
 from ..par.bound import Fastest
+from ..processes import PATIENCE
 from .plan import PAR, Cell, Plan
 
 __all__ = ["make"]
@@ -49,10 +50,10 @@ def _train(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
     }  # fmt: skip
     resumed = _resumable(folder, settings)
     if not resumed and folder.exists():
-        with locked(folder):  # nobody trains there
+        with locked(folder, PATIENCE):  # a worker whose parent was killed may be saving there
             shutil.rmtree(folder)
     run = Run.open(train.Config(run=folder, resume=resumed, **asked))
-    if not learn(run):
+    if not learn(run, PATIENCE):
         raise KeyboardInterrupt
     curve_file = curve_of(folder)
     assert curve_file is not None  # it has been evaluated at its end

@@ -92,11 +92,13 @@ class Normalization:
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
         """observation (…, size) → (observation − mean) / std within ±clip, in single precision."""
-        x = observation - self.mean
+        x = observation.astype(np.float64)
+        x -= self.mean
         x /= self.std
-        np.maximum(x, -self.clip, out=x)
-        np.minimum(x, self.clip, out=x)
-        return x.astype(np.float32)
+        x = x.astype(np.float32)
+        np.maximum(x, np.float32(-self.clip), out=x)
+        np.minimum(x, np.float32(self.clip), out=x)
+        return x
 
 
 @dataclass(frozen=True)

@@ -111,15 +111,17 @@ def write_whole(path: Path, content: str) -> None:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path, patience: float = 0.0) -> Iterator[None]:
     """Hold `folder` against every other writer, in this process or another, on this machine or one that shares it.
 
-    The lock goes with the process, however it ends. Raises `ValueError` if somebody else holds it.
+    patience : s to wait for somebody else who holds it
+
+    The lock goes with the process, however it ends. Raises `ValueError` if somebody else keeps it.
     """
     from filelock import FileLock, Timeout  # which only writers need
 
     folder.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(folder / "lock", timeout=0)
+    lock = FileLock(folder / "lock", timeout=patience)
     try:
         lock.acquire()
     except Timeout:

@@ -41,13 +41,15 @@ CURVE = "learning_curve.csv"
 _COLUMNS = ("timesteps", "seconds", "success_rate", "median_time_s", "mean_reward")
 
 
-def learn(run: Run) -> bool:
+def learn(run: Run, patience: float = 0.0) -> bool:
     """Train to the end; false if Ctrl-C or SIGTERM stopped it, after saving a checkpoint.
+
+    patience : s to wait for another process that is about to end its work on the run
 
     Raises `ValueError` if another process is writing the run, or its checkpoint is damaged; `OSError` if the end cannot
     be written.
     """
-    with locked(run.folder):
+    with locked(run.folder, patience):
         torch.set_num_threads(run.config["threads"])
         model, progress = _begun(run)
         left = progress.total - model.num_timesteps
@@ -263,7 +265,7 @@ def _score(row: dict[str, float]) -> tuple[float, float]:
 @contextmanager
 def _stopped_by_signals(ask: Callable[[], None]) -> Iterator[None]:
     """Ctrl-C or SIGTERM asks for a stop between rollouts; a second one stops at once."""
-    kinds = (signal.SIGINT, signal.SIGTERM)
+    kinds = [kind for kind in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(kind) is not signal.SIG_IGN]
 
     def asked(*_: Any) -> None:
         ask()
