@@ -56,7 +56,7 @@ def look_at_training(folder: Path) -> int:
     from agents.learning.policy_file import read
     from agents.learning.run_folder import Checkpoints, locked
     from agents.learning.stored import read_json
-    from agents.learning.training import curve_of, read_curve
+    from agents.learning.training import _score, curve_of, read_curve
     from agents.learning.tree_file import load_tree
 
     if not folder.exists():
