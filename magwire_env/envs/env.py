@@ -8,14 +8,16 @@ import gymnasium as gym
 import numpy as np
 
 from ..simulation import Simulator
-from . import kernels
 from .core import SteeringCore
+from .kernels import VALUE
 from .task import Task
 
 if TYPE_CHECKING:
     from ..render.frames import Frames, Window
 
 __all__ = ["MagWireEnv"]
+
+_ENDS = (VALUE.success, VALUE.terminated, VALUE.truncated)
 
 
 class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -125,13 +127,13 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
             raise gym.error.ResetNeeded("reset() must be called before step()")
         core = self.core
         values = core.advance(np.asarray(action)[None])[:, 0].tolist()
-        success, terminated, truncated = (x > 0.0 for x in values[kernels.SUCCESS :])
+        success, terminated, truncated = (values[row] > 0.0 for row in _ENDS)
         info = core.info(values, success, 0)
         if self.render_mode == "human":
             self._show()
         if terminated or truncated:
             info["summary"] = {k: v[0].item() for k, v in core.summary(np.zeros(1, dtype=np.int64)).items()}
-        return core.observe()[0], values[kernels.REWARD], terminated, truncated, info
+        return core.observe()[0], values[VALUE.reward], terminated, truncated, info
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
         """The present frame, (480, 640, 3) uint8, in the mode "rgb_array"; in "human" every step shows itself."""
