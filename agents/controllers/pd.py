@@ -9,7 +9,7 @@ import numpy as np
 
 from magwire_env.physics.checks import non_negative, positive, whole
 from magwire_env.quasistatic.balance import Tails
-from magwire_env.quasistatic.net_force import Places
+from magwire_env.quasistatic.net_force import TipForces
 
 from .base import Controller
 from .seen import aim_seen, magnet_seen, tip_seen
@@ -58,7 +58,7 @@ class PD(Controller):
             raise ValueError(f"env must have a rig of one turning magnet for PD, got {library.dof} degrees of freedom")
         count = np.ceil(library.tract_length / spacing).astype(np.int64) + 1
         self._first, self._last = np.r_[0, count.cumsum()[:-1]], count - 1
-        self._mass = np.array([sc.wire.mass + (sc.tip.mass or 0.0) for sc in library.scenarios])
+        self._mass = np.array([sc.moving_mass for sc in library.scenarios])
         entries = np.repeat(np.arange(len(count)), count)
         self._tabulate(entries, spacing * (np.arange(len(entries)) - self._first[entries]))
 
@@ -66,11 +66,11 @@ class PD(Controller):
         """Drive and friction of the tip by place and angle from home; the tail's pull and its growth, by place."""
         library = self.core.sim.library
         turns = 2 * np.pi / self._angles * np.arange(self._angles)
-        forth, back = (Places(library, entries, places, way) for way in (1, -1))
+        forth, back = (TipForces(library, entries, places, way) for way in (1, -1))
         home = library.home[entries]
         forces = [np.stack([p.force(home + turn) for turn in turns], axis=1) for p in (forth, back)]
         self._drive, self._rub = (forces[0] - forces[1]) / 2, -(forces[0] + forces[1]) / 2
-        pulls = [Tails(library.scenarios).pull(entries, places, way) for way in (1, -1)]
+        pulls = [Tails(library.scenarios).resistance(entries, places, way) for way in (1, -1)]
         self._pull = np.stack([pulls[0][0], pulls[1][0], (pulls[0][1] + pulls[1][1]) / 2], axis=1)
 
     def act(self, observation, state, starts, deterministic):

@@ -30,12 +30,12 @@ class Way:
         entries = np.repeat(np.arange(len(self._count)), self._count)
         places = spacing * (np.arange(len(entries)) - self._first[entries])
         self._commands, force = greatest(library, entries, places, direction)
-        pull, growth = Tails(library.scenarios).pull(entries, places, direction)
+        pull, growth = Tails(library.scenarios).resistance(entries, places, direction)
         speed = np.maximum((force - pull) / np.maximum(growth, 1e-9), _SLOWEST)
         turning = np.abs(np.diff(self._commands, axis=0)) / library.dofs[entries[1:], :, 0]
         pause = np.maximum(spacing * 0.5 * (1 / speed[1:] + 1 / speed[:-1]), turning.max(axis=1))
         self._clock = np.r_[0.0, pause.cumsum()]
-        mass = np.array([sc.wire.mass + (sc.tip.mass or 0.0) for sc in library.scenarios])
+        mass = np.array([sc.moving_mass for sc in library.scenarios])
         drag = np.array([sc.wire.length * sc.contact.drag for sc in library.scenarios])
         self.coast = np.minimum(mass / np.maximum(drag, 1e-9), 0.1)
 

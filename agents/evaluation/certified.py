@@ -16,7 +16,7 @@ import gymnasium as gym
 import numpy as np
 
 import magwire_env  # noqa: F401  (registers the ids)
-from magwire_env.quasistatic.pool import KINDS, candidates
+from magwire_env.quasistatic.pool import RECIPES, candidates
 from magwire_env.scenario import Scenario
 from magwire_env.simulation import Certificate, certify
 
@@ -154,7 +154,7 @@ def report(
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command: certified and refused scenarios ridden by NetForce and MaxForce, or by `--policies`."""
     parser = argparse.ArgumentParser(prog="python -m agents.evaluation.certified", description=main.__doc__)
-    parser.add_argument("--kind", choices=list(KINDS), default="SteerAny")
+    parser.add_argument("--kind", choices=list(RECIPES), default="SteerAny")
     parser.add_argument("--certified", type=int, default=500)
     parser.add_argument("--refused", type=int, default=200)
     parser.add_argument("--split", default="test")

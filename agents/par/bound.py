@@ -24,7 +24,7 @@ import numpy as np
 
 from magwire_env.quasistatic.balance import Tails
 from magwire_env.quasistatic.certificate import traverse
-from magwire_env.quasistatic.net_force import Places, greatest
+from magwire_env.quasistatic.net_force import TipForces, greatest
 from magwire_env.scenario import Scenario
 from magwire_env.simulation.locked import algorithm1 as a1
 from magwire_env.simulation.locked.arrays import LaneArrays, Library
@@ -65,7 +65,7 @@ class Fastest:
             raise ValueError(f"direction must be 1 or -1, got {direction!r}")
         self.scenario, self.direction = scenario, direction
         self.library = Library([scenario])
-        self.mass = scenario.wire.mass + (scenario.tip.mass or 0.0)
+        self.mass = scenario.moving_mass
         length = scenario.tract.length
         self.places = np.linspace(0.0, length, int(np.ceil(length / _COARSE)) + 1)
         self._entries = np.zeros(len(self.places), dtype=np.int64)
@@ -83,7 +83,7 @@ class Fastest:
 
     def _resistance(self, direction: int) -> tuple[np.ndarray, np.ndarray]:
         """What the tip must supply to move the wire along `direction`, N, and its growth with speed, N·s/m."""
-        pull, growth = Tails([self.scenario]).pull(self._entries, self.places, direction)
+        pull, growth = Tails([self.scenario]).resistance(self._entries, self.places, direction)
         return pull + direction * self._bend, growth
 
     def least(self, start: float, goal: float, magnet: float | None = None) -> float:
@@ -185,7 +185,7 @@ class Fastest:
         motion : which way the wire moves, and so which way friction points
         """
         if motion not in self._tables:
-            places = Places(self.library, self._entries, self.places, motion)
+            places = TipForces(self.library, self._entries, self.places, motion)
             angles = float(self.library.home[0, 0]) - np.pi + 2 * np.pi / _ANGLES * np.arange(_ANGLES)
             net = np.stack([places.force(np.full((places.n, 1), angle)) for angle in angles], axis=1)
             net -= self._resistance(motion)[0][:, None]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from magwire_env.quasistatic.balance import Tails
-from magwire_env.quasistatic.net_force import Places
+from magwire_env.quasistatic.net_force import TipForces
 from magwire_env.simulation.locked.arrays import Library
 
 __all__ = ["SpeedTable", "speed_tables"]
@@ -43,7 +43,7 @@ def speed_tables(library: Library, entries: np.ndarray, spacing: float = 2e-3, a
     tables, first = [], 0
     for entry, count in zip(entries, counts, strict=True):
         sc = library.scenarios[entry]
-        mass = sc.wire.mass + (sc.tip.mass or 0.0)
+        mass = sc.moving_mass
         lag = mass / float(ahead_growth[first : first + count].mean())
         tables.append(SpeedTable(speed[first : first + count].copy(), spacing, lag, float(library.dofs[entry, 0, 0])))
         first += count
@@ -54,11 +54,11 @@ def _net(
     library: Library, owner: np.ndarray, place: np.ndarray, angles: int, direction: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Net force along `direction`, (n, angles) N, and the resistance's growth with speed (n, 1) N·s/m."""
-    pull, growth = Tails(library.scenarios).pull(owner, place, direction)
+    pull, growth = Tails(library.scenarios).resistance(owner, place, direction)
     net = np.empty((len(place), angles))
     for first in range(0, len(place), _LANES_AT_ONCE):
         part = slice(first, first + _LANES_AT_ONCE)
-        places = Places(library, owner[part], place[part], direction)
+        places = TipForces(library, owner[part], place[part], direction)
         home = library.home[owner[part]]
         for j in range(angles):
             net[part, j] = places.force(home + (2 * np.pi * j / angles - np.pi))

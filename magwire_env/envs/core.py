@@ -260,9 +260,7 @@ class SteeringCore:
         rows = np.zeros((len(kernels.SUMMARY), sim.num_envs))
         kernels.summarise(lanes, kind.rule, sim.trace, sim.control_period, self.episodes.lanes, rows)
         summary = dict(zip(kernels.SUMMARY, rows, strict=True))
-        summary["steps"], summary["unconverged"] = (
-            summary[name].astype(np.int64) for name in ("steps", "unconverged")
-        )
+        summary["steps"], summary["unconverged"] = (summary[name].astype(np.int64) for name in ("steps", "unconverged"))
         if not kind.follows:
             del summary["rms_error"]
         return summary

@@ -264,7 +264,9 @@ class Observer:
             part = self._parts[name]
             values = np.asarray(read(sim, self._episodes))
             if values.shape != (n, part.stop - part.start):
-                raise ValueError(f"channel {name!r} must give {(n, part.stop - part.start)} numbers, got {values.shape}")
+                raise ValueError(
+                    f"channel {name!r} must give {(n, part.stop - part.start)} numbers, got {values.shape}"
+                )
             if np.isnan(values).any():
                 raise ValueError(f"channel {name!r} must give numbers, got NaN")
             bound = self._bounds[part]

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..physics.checks import positive
+from ..quasistatic.certificate import GOAL_MARGIN, START_SPREAD
 from ..scenario import Scenario
 from .kinds import KINDS, Kind
 from .rewards import RewardWeights
@@ -37,8 +38,8 @@ class Task:
     kind: Kind = KINDS["steer"]
     scenario: Callable[[], Scenario] | None = None
     pool: str | None = None
-    start_spread: float = 0.02
-    goal_margin: float = 0.01
+    start_spread: float = START_SPREAD
+    goal_margin: float = GOAL_MARGIN
     tolerance: float = 5e-3
     hold: float = 1.0
     reference_speed: float = 0.03

@@ -137,6 +137,11 @@ class Scenario:
             magnets.append(mount)
         object.__setattr__(self, "rig", Rig(tuple(magnets), self.rig.coils))
 
+    @property
+    def moving_mass(self) -> float:
+        """Mass of the wire and its tip, kg."""
+        return self.wire.mass + (self.tip.mass or 0.0)
+
     @classmethod
     def paper(cls, magnet_distance: float = 0.07, measured_to: str = "centre") -> Scenario:
         """The paper's set-up (Section IV), every number of it.

@@ -6,12 +6,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
+from ..lumen.curve import Tract
 from .compiled import inlined, kernel
 from .lanes import floor, gather, load, maximum, minimum
 
-__all__ = ["COURSE", "Course", "ahead", "curve_at", "snap"]
+__all__ = ["COURSE", "Course", "ahead", "curve_at", "snap", "tables"]
 
 
 class Course(NamedTuple):
@@ -31,6 +35,22 @@ class Course(NamedTuple):
 
 
 COURSE = Course(*range(len(Course._fields)))
+
+
+def tables(tracts: Sequence[Tract]) -> tuple[np.ndarray, np.ndarray]:
+    """All tracts' tables one after another, each tract once, flat; and every tract's `Course`, (n, 6)."""
+    first: dict[Tract, int] = {}
+    rows = 0
+    for tract in tracts:
+        if tract not in first:
+            first[tract] = rows
+            rows += len(tract.table)
+    courses = []
+    for tract in tracts:
+        period = tract.length if tract.closed else 0.0
+        spacing, inv_period = tract.row_spacing, 1.0 / period if period else 0.0
+        courses.append((first[tract], len(tract.table) - 1, 1.0 / spacing, spacing, period, inv_period))
+    return np.ascontiguousarray(np.vstack([tract.table for tract in first])).reshape(-1), np.array(courses)
 
 
 @inlined

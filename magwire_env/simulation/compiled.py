@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 from numba import njit
 from numba.core.caching import FunctionCache, NullCache
 
-__all__ = ["inlined", "kernel", "source_stamp"]
+__all__ = ["inlined", "kernel", "precise", "source_stamp"]
 
 _FLAGS = {"cache": False, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
 """The default error model's check for division by zero would stop vectorisation; plain ``fastmath=True`` would make
@@ -42,6 +42,11 @@ F = TypeVar("F", bound=Callable[..., Any])
 def kernel(function: F) -> F:
     """Compile `function` when it is first called, or load it from the cache of these very sources."""
     return _cached(function, njit(**_FLAGS)(function))
+
+
+def precise(function: F) -> F:
+    """As `kernel`, but the compiler may not reorder sums: for code off the hot path that must be exact to the bit."""
+    return _cached(function, njit(nogil=True, error_model="numpy")(function))
 
 
 def inlined(function: F) -> F:

@@ -16,8 +16,8 @@ import operator
 from llvmlite import ir
 from numba import njit
 from numba.core import cgutils, types
-from numba.core.imputils import lower_builtin
 from numba.core.errors import TypingError
+from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, models, register_model
 from numba.np.arrayobj import populate_array

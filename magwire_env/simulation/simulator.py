@@ -279,9 +279,7 @@ class Simulator:
         for _ in range(horizon):  # summed as `step` sums it, so that the end equals stepping there
             time = time + self.control_period
         end = scratch.state()
-        return Trajectories(
-            *arrays, position, SimulatorState(end.wire, end.magnet, time, origin, end.columns)
-        )
+        return Trajectories(*arrays, position, SimulatorState(end.wire, end.magnet, time, origin, end.columns))
 
     def _scratch_for(self, n: int, entries: np.ndarray) -> Simulator:
         """A simulator for a rollout of n wires, kept between calls of the same size."""

@@ -9,7 +9,7 @@ from magwire_env.lumen import straight
 from magwire_env.physics import PointDipole, Tract
 from magwire_env.quasistatic import certificate
 from magwire_env.quasistatic.balance import Tails
-from magwire_env.quasistatic.net_force import Places, greatest
+from magwire_env.quasistatic.net_force import TipForces, greatest
 from magwire_env.quasistatic.pool import candidates
 from magwire_env.scenario import ActuatedMagnet, Coil, Contact, Current, Rig, Scenario, Slide, Timing, Turn, above
 from magwire_env.simulation import Simulator, best_command, best_placement, certify
@@ -22,7 +22,7 @@ FIRST = np.zeros(1, dtype=np.int64)
 
 
 def pull(scenario, tip, direction=1.0):
-    force, growth = Tails([scenario]).pull(FIRST, np.array([tip]), direction)
+    force, growth = Tails([scenario]).resistance(FIRST, np.array([tip]), direction)
     return force[0], growth[0]
 
 
@@ -83,8 +83,8 @@ def test_margin_over_growth_is_the_speed_of_a_finely_meshed_wire(direction, grav
     for _ in range(8):
         sim.step(commands)
     tip = sim.tip_arclength
-    force = Places(Library([sc]), entries, tip, direction).force(commands)
-    held, growth = Tails([sc]).pull(entries, tip, direction)
+    force = TipForces(Library([sc]), entries, tip, direction).force(commands)
+    held, growth = Tails([sc]).resistance(entries, tip, direction)
     speed = (force - held) / growth
     moving = speed > 2e-4
     assert moving.sum() >= 12
@@ -101,7 +101,7 @@ def test_one_axis_as_good_as_trying_all_angles_and_net_is_not_drive(lever, short
     places = np.arange(0.09, 0.79, 0.002)
     entries = np.zeros(len(places), dtype=np.int64)
     commands, force = greatest([sc], entries, places)
-    here = Places(Library([sc]), entries, places)
+    here = TipForces(Library([sc]), entries, places)
     most = np.max([here.force(np.full((len(places), 1), a)) for a in np.linspace(0, 2 * np.pi, 721)], axis=0)
     assert force == pytest.approx(here.force(commands), abs=1e-12)
     assert (most - force).max() < short
@@ -129,12 +129,12 @@ def test_two_turns_take_the_form_that_needs_least_turning():
     entries = np.zeros(len(places), dtype=np.int64)
     commands, force = greatest([sc], entries, places)
     other = np.stack([-commands[:, 0], commands[:, 1] + np.pi], axis=1)  # the same moment
-    assert Places(Library([sc]), entries, places).force(other) == pytest.approx(force, abs=1e-9)
+    assert TipForces(Library([sc]), entries, places).force(other) == pytest.approx(force, abs=1e-9)
     for axes in (("x", "y"), ("y", "x")):
         mount = dataclasses.replace(sc.rig.magnets[0], dofs=tuple(Turn(a) for a in axes))
         turned = dataclasses.replace(sc, rig=Rig((mount,)))
         q = np.tile([[0.3, 1.1]], (len(places), 1))
-        here = Places(Library([turned]), entries, places)
+        here = TipForces(Library([turned]), entries, places)
         assert here.force(q) == pytest.approx(here.force([np.pi, np.pi] + q * [-1, 1]), abs=1e-9)
 
 

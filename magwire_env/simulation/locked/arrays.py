@@ -9,7 +9,6 @@ import numpy as np
 
 from ...scenario import Scenario
 from .. import centreline
-from ..centreline import COURSE
 from ..lanes import LANES
 from ..library import Library
 from ..model import Places
@@ -38,9 +37,8 @@ class LockedLibrary:
         self.spare = int(self.first_node.max())
         self.wire_length = np.array([sc.wire.length for sc in scenarios])
         self.tract_length = np.array([sc.tract.length for sc in scenarios])
-        self.table, first_rows = _tables(scenarios)
-        self.par = np.array([_lane_row(sc, first) for sc, first in zip(scenarios, first_rows, strict=True)])
-        self.course = np.ascontiguousarray(self.par[:, : len(COURSE)])
+        self.table, self.course = centreline.tables([sc.tract for sc in scenarios])
+        self.par = np.hstack([self.course, [_parameters(sc) for sc in scenarios]])
         self.wire = np.array([_wire_rows(sc, self.nodes) for sc in scenarios])
 
     def ahead(self, entries: np.ndarray, tips: np.ndarray, offsets: np.ndarray) -> np.ndarray:
@@ -189,31 +187,13 @@ def _work(nodes: int, dof: int) -> tuple:
     return tuple(a1.Work(solve, out, aligned_zeros(dof, LANES), aligned_zeros(dof, LANES)))
 
 
-def _tables(scenarios: Sequence[Scenario]) -> tuple[np.ndarray, list[int]]:
-    """All tracts' tables one after another, each tract once, and the first row of each scenario's."""
-    first: dict = {}
-    tables, rows = [], 0
-    for sc in scenarios:
-        if sc.tract not in first:
-            first[sc.tract] = rows
-            tables.append(sc.tract.table)
-            rows += len(sc.tract.table)
-    return np.ascontiguousarray(np.vstack(tables)).reshape(-1), [first[sc.tract] for sc in scenarios]
-
-
-def _lane_row(sc: Scenario, first_row: int) -> np.ndarray:
-    tract, contact = sc.tract, sc.contact
-    period = tract.length if tract.closed else 0.0
-    course = centreline.Course(
-        first_row=first_row, last_row=len(tract.table) - 1, inv_spacing=1.0 / tract.row_spacing,
-        spacing=tract.row_spacing, period=period, inv_period=1.0 / period if period else 0.0,
-    )  # type: ignore[arg-type]  # fmt: skip
-    own = a1.Parameter(
+def _parameters(sc: Scenario) -> a1.Parameter:
+    contact = sc.contact
+    return a1.Parameter(
         friction=contact.friction, stick=contact.stick_speed, inv_lever=1.0 / contact.lever,
         lever_friction=float(contact.lever_friction), moment=sc.tip.moment, wrench=float(sc.coupling == "wrench"),
-        gravity_x=sc.gravity[0], gravity_y=sc.gravity[1], gravity_z=sc.gravity[2], goal=tract.length,
+        gravity_x=sc.gravity[0], gravity_y=sc.gravity[1], gravity_z=sc.gravity[2], goal=sc.tract.length,
     )  # type: ignore[arg-type]  # fmt: skip
-    return np.array([*course, *own])
 
 
 def _wire_rows(sc: Scenario, nodes: int) -> np.ndarray:
