@@ -15,6 +15,7 @@ from ..physics.checks import one_of, positive, whole
 from ..quasistatic import certificate
 from ..scenario import Scenario
 from ..simulation import Places, Simulator
+from ..simulation.model import model_class
 from . import kernels
 from .action import Actuation
 from .episodes import Episodes
@@ -301,7 +302,12 @@ def _check_ways(task: Task, scenarios: Sequence[Scenario]) -> None:
 
 @lru_cache(maxsize=256)
 def _warn_uncertified(task: Task, scenario: Scenario) -> None:
-    """Warn, once a scenario and task, where nothing says that the task can be done, in every way it asks for."""
+    """Warn, once a scenario and task, where nothing says that the task can be done, in every way it asks for.
+
+    Only the locked wire has a theory that can say so; scenarios of other wire models are not judged.
+    """
+    if "quasistatic" not in model_class(scenario.model).supports:
+        return
     for direction in task.kind.directions:
         found = certificate(scenario, direction=direction, time_limit=task.time_limit)
         if not found.solvable:

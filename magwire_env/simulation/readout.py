@@ -1,7 +1,7 @@
 """What every wire model says about its wires: the contract between the simulator and everything above it.
 
-`Simulator.readout` is one array of these rows over the lanes. A model fills them after every control period and whenever
-a state was set from outside; environments, controllers and pictures read them and never a model's own arrays.
+`Simulator.readout` is one array of these rows over the lanes. A model fills them after every control period and
+whenever a state was set from outside; environments, controllers and pictures read them and never a model's own arrays.
 """
 
 from __future__ import annotations

@@ -186,8 +186,12 @@ class Simulator:
         self.rig.q[:, lanes] = self._checked(magnet, len(lanes), "magnet").T
         self.model.refresh(lanes)
 
-    def set_goal(self, lanes: np.ndarray, places: Places) -> None:
-        """From now on `remaining` counts the way of `lanes` (n,) to `places`; the readout follows with the next step."""
+    def set_goal(self, lanes: np.ndarray, places: Places | np.ndarray) -> None:
+        """From now on `remaining` counts the way of `lanes` (n,) to `places`; the readout follows with the next step.
+
+        places : `Places`, or (n,) m along the first branch
+        """
+        places = places if isinstance(places, Places) else Places(places)
         lanes = self._checked_lanes(lanes)
         self._goal[0][lanes], self._goal[1][lanes] = places.branch, places.s
         self.model.set_goal(lanes, places)
@@ -308,7 +312,10 @@ class Simulator:
 
     @property
     def remaining(self) -> np.ndarray:
-        """(n,) m, way left along the route to the goal, negative once past it; in a wrong branch the way back counts."""
+        """(n,) m, way left along the route to the goal, negative once past it.
+
+        In a wrong branch the way back to the route counts too.
+        """
         return self._row(ROW.remaining)
 
     @property
@@ -471,7 +478,7 @@ _TRIED = (
 def _numbers(name: str, value: Any, shape: tuple[int, ...], unit: str) -> np.ndarray:
     """Finite numbers of one shape, or one number for all."""
     array = np.asarray(value, dtype=np.float64)
-    in_unit = f" (in {unit})" if unit else ""
     if array.shape not in ((), shape) or not np.isfinite(array).all():
-        raise ValueError(f"{name} must be one finite number or an array {shape} of them{in_unit}, got {value!r}")
+        many = f"{shape[0]} of them" if len(shape) == 1 else f"an array {shape} of them"
+        raise ValueError(f"{name} must be one finite number or {many}{f' (in {unit})' if unit else ''}, got {value!r}")
     return np.broadcast_to(array, shape)

@@ -12,8 +12,7 @@ from magwire_env.quasistatic.balance import Tails
 from magwire_env.quasistatic.net_force import TipForces, greatest
 from magwire_env.quasistatic.pool import candidates
 from magwire_env.scenario import ActuatedMagnet, Coil, Contact, Current, Rig, Scenario, Slide, Timing, Turn, above
-from magwire_env.simulation import Simulator, best_command, best_placement, certify
-from magwire_env.simulation.locked.arrays import Library
+from magwire_env.simulation import Library, Simulator, best_command, best_placement, certify
 from tests.support.scenes import bent, line, world
 
 PAPER = Scenario.paper()

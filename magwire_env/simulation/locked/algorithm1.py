@@ -470,8 +470,8 @@ def control_period(blocks, substeps, h, spare, rig, actuators, wires, trace, rea
     A step is a drift of half its length, a kick with the forces found there, and another drift: second order in h,
     and symplectic where no friction or drag takes energy out.
 
-    rig, actuators, wires, work : the fields of `Magnetics`, `Actuators`, `Wires` and `Work`, as plain tuples, which Numba
-        takes from Python in half the time of named ones
+    rig, actuators, wires, work : the fields of `Magnetics`, `Actuators`, `Wires` and `Work`, as plain tuples, which
+        Numba takes from Python in half the time of named ones
     trace : (substeps + 1, lanes) m, receives the way left to the goal at the start and after every step
     readout : (rows, lanes), see `magwire_env.simulation.readout`; the loads are those of the final state
     """
