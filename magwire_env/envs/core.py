@@ -260,8 +260,9 @@ class SteeringCore:
         sim, kind = self.sim, self.task.kind
         rows = np.zeros((len(kernels.SUMMARY), sim.num_envs))
         kernels.summarise(lanes, kind.rule, sim.trace, sim.control_period, self.episodes.lanes, rows)
-        summary = dict(zip(kernels.SUMMARY, rows, strict=True))
-        summary["steps"], summary["unconverged"] = (summary[name].astype(np.int64) for name in ("steps", "unconverged"))
+        summary: dict[str, np.ndarray] = dict(zip(kernels.SUMMARY, rows, strict=True))
+        for name in ("steps", "unconverged"):
+            summary[name] = summary[name].astype(np.int64)
         if not kind.follows:
             del summary["rms_error"]
         return summary

@@ -62,6 +62,21 @@ class Kind:
         """Where the tips of the scenarios `entries` (n,) start, and where their goals are."""
         raise NotImplementedError
 
+    def starts(self, task: Task) -> str:
+        """For people: where an episode starts."""
+        return "The tip starts where the task puts it."
+
+    def ends(self, task: Task) -> str:
+        """For people: when an episode is done."""
+        near = f"{1e3 * task.tolerance:g} mm"
+        return {
+            PASS: "Terminated when the tip passes the goal (`is_success`).",
+            HOLD: f"Terminated when the tip has stayed within {near} of the goal for {task.hold:g} s (`is_success`); "
+            '`summary["time"]` runs to the end of the holding.',
+            FOLLOW: f"`is_success` at the end if the RMS error is at most {near}; "
+            '`summary["rms_error"]` in m, `path_ratio` is 1 − error/tolerance.',
+        }[self.rule]
+
     def reference(
         self, task: Task, library: Library, entries: np.ndarray, drawn: np.ndarray, times: np.ndarray
     ) -> np.ndarray:
@@ -81,6 +96,13 @@ class Steer(Kind):
         """As `Kind.begin`."""
         start = library.wire_length[entries] + task.start_spread * (2 * drawn[:, 0] - 1)
         return Places(start), Places(library.tract_length[entries] - task.goal_margin)
+
+    def starts(self, task: Task) -> str:
+        """As `Kind.starts`."""
+        return (
+            f"The tip starts at the wire's length ± {1e3 * task.start_spread:g} mm; the goal lies "
+            f"{1e3 * task.goal_margin:g} mm before the tract's end."
+        )
 
 
 @dataclass(frozen=True)
@@ -102,6 +124,13 @@ class Reach(Kind):
         goal = np.where(way < below, start - _LEAST_WAY - way, start + _LEAST_WAY + way - below)
         return Places(start), Places(goal)
 
+    def starts(self, task: Task) -> str:
+        """As `Kind.starts`."""
+        return (
+            f"Tip and target are uniform between the wire's length and {1e3 * task.goal_margin:g} mm before the end of "
+            f"the tract, at least {1e3 * _LEAST_WAY:g} mm apart."
+        )
+
 
 @dataclass(frozen=True)
 class Track(Kind):
@@ -117,6 +146,13 @@ class Track(Kind):
         """As `Kind.begin`."""
         start = self.reference(task, library, entries, drawn, np.zeros(1))[:, 0]
         return Places(start), Places(start)
+
+    def starts(self, task: Task) -> str:
+        """As `Kind.starts`."""
+        return (
+            "The tip starts on the reference, a sum of three slow sines about a middle, drawn anew for every episode, "
+            f"at most {1e3 * task.reference_speed:g} mm/s fast and always inside the tract."
+        )
 
     def reference(
         self, task: Task, library: Library, entries: np.ndarray, drawn: np.ndarray, times: np.ndarray

@@ -47,12 +47,14 @@ class Number:
     row : which row of the readout (for ``RESULT``), or which degree of freedom
     scale : what a result is divided by; 0 for the route's length
     quantity : of `Sensing`, whose errors it suffers; empty for none
+    label : for people, where the numbers of a channel differ
     """
 
     kind: int = _ELSEWHERE
     row: int = 0
     scale: float = 1.0
     quantity: str = ""
+    label: str = ""
 
 
 @dataclass(frozen=True)
@@ -86,9 +88,12 @@ def _of_route(sim: Simulator, kind: int) -> Sequence[Number]:
 def _magnet(sim: Simulator) -> Sequence[Number]:
     """sin and cos of every turn from its home; every slide over its range, in [−1, 1]."""
     numbers = []
-    for dof, turn in enumerate(sim.library.is_turn):
-        kinds = (kernels.SINE, kernels.COSINE) if turn else (kernels.SLIDE,)
-        numbers += [Number(kind, dof, quantity="angle") for kind in kinds]
+    for dof, (turn, name) in enumerate(zip(sim.library.is_turn, sim.library.scenarios[0].rig.names, strict=True)):
+        if turn:
+            numbers.append(Number(kernels.SINE, dof, quantity="angle", label=f"sin of the {name} from home"))
+            numbers.append(Number(kernels.COSINE, dof, quantity="angle", label=f"cos of the {name} from home"))
+        else:
+            numbers.append(Number(kernels.SLIDE, dof, quantity="angle", label=f"{name} over its range"))
     return numbers
 
 

@@ -6,7 +6,7 @@ The formulas of the built-in terms stand in `kernels.judge`, in the table's orde
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import field, make_dataclass
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -19,6 +19,33 @@ if TYPE_CHECKING:
 __all__ = ["TERMS", "RewardTerm", "RewardWeights", "Term", "info_name"]
 
 
+def _weight(default: float, text: str) -> Any:
+    """A field of `RewardWeights`: a term's default weight, and what the term is."""
+    return field(default=default, metadata={"text": text})
+
+
+@dataclass(frozen=True)
+class RewardWeights:
+    """Weights of the reward's terms, every one echoed in `info` as ``reward/…``. Its fields are the table of terms."""
+
+    success: float = _weight(10.0, "once, on reaching the goal")
+    progress: float = _weight(
+        10.0,
+        "for the whole way from the start to the goal, paid as it is covered (potential-based); in a tracking task for "
+        "each tolerance by which the distance shrinks",
+    )
+    time: float = _weight(
+        0.1,
+        "cost of each control step; in a tracking task of each step and tolerance of distance. An end without success "
+        "before the time limit pays for the steps that were left too, so that giving up never pays",
+    )
+    wall: float = _weight(0.5, "cost of each control step for each newton of wall force above the scenario's limit")
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            object.__setattr__(self, one.name, non_negative(f"RewardWeights.{one.name}", getattr(self, one.name)))
+
+
 class Term(NamedTuple):
     """A built-in term: its name, its weight by default, and what it is."""
 
@@ -27,44 +54,14 @@ class Term(NamedTuple):
     text: str
 
 
-TERMS = (
-    Term("success", 10.0, "once, on reaching the goal"),
-    Term(
-        "progress", 10.0,
-        "for the whole way from the start to the goal, paid as it is covered (potential-based); in a tracking task for "
-        "each tolerance by which the distance shrinks",
-    ),
-    Term(
-        "time", 0.1,
-        "cost of each control step; in a tracking task of each step and tolerance of distance. An end without success "
-        "before the time limit pays for the steps that were left too, so that giving up never pays",
-    ),
-    Term("wall", 0.5, "cost of each control step for each newton of wall force above the scenario's limit"),
-)  # fmt: skip
+_DEFAULTS = RewardWeights()
+TERMS = tuple(Term(one.name, getattr(_DEFAULTS, one.name), one.metadata["text"]) for one in fields(RewardWeights))
+"""The terms in the order in which `kernels.judge` has them."""
 
 
 def info_name(term: str) -> str:
     """Where `info` holds a term."""
     return f"reward/{term}"
-
-
-def _check_weights(self: Any) -> None:
-    for term in TERMS:
-        weight = non_negative(f"RewardWeights.{term.name}", getattr(self, term.name))
-        object.__setattr__(self, term.name, weight)
-
-
-RewardWeights = make_dataclass(
-    "RewardWeights",
-    [(term.name, float, field(default=term.weight)) for term in TERMS],
-    frozen=True,
-    namespace={
-        "__post_init__": _check_weights,
-        "__doc__": "Weights of the reward's terms, every one echoed in `info` as ``reward/…``.\n\n"
-        + "\n".join(f"    {term.name} : {term.text}" for term in TERMS),
-    },
-)
-RewardWeights.__module__ = __name__
 
 
 class RewardTerm(NamedTuple):
@@ -95,7 +92,7 @@ def checked_terms(terms: Any) -> tuple[RewardTerm, ...]:
     for i, term in enumerate(terms):
         if not isinstance(term, RewardTerm) or not callable(term.of):
             raise ValueError(f"reward_terms[{i}] must be a RewardTerm, got {term!r}")
-        if term.name in {t.name for t in (*TERMS, *found)}:
+        if term.name in [*(one.name for one in TERMS), *(one.name for one in found)]:
             raise ValueError(f"reward_terms[{i}].name must differ from the other terms' names, got {term.name!r}")
         finite(f"reward_terms[{i}].weight", term.weight, "1")
         found.append(term)

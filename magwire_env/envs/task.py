@@ -96,7 +96,7 @@ def register_task(task: Task) -> None:
     TASKS[task.id] = task
     gym.register(
         id=task.id,
-        entry_point="magwire_env.envs.env:MagWireEnv",
+        entry_point="magwire_env.envs.pages:make",
         vector_entry_point="magwire_env.envs.vector_env:MagWireVectorEnv",
         kwargs={"task": task.id},
     )

@@ -196,6 +196,17 @@ class Rig:
         )
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """What every degree of freedom is, in the order of the command: "angle of magnet 0 about y", …"""
+        found = []
+        for m, mount in enumerate(self.magnets):
+            which = f"magnet {m}" if len(self.magnets) > 1 else "the magnet"
+            for dof in mount.dofs:
+                turns = isinstance(dof, Turn)
+                found.append(f"angle of {which} about {dof.axis}" if turns else f"place of {which} along {dof.axis}")
+        return (*found, *(f"current of coil {c} along {coil.axis}" for c, coil in enumerate(self.coils)))
+
+    @property
     def dofs(self) -> tuple[Turn | Slide | Current, ...]:
         """Every actuated degree of freedom, in the order of the command: the magnets', then the coils' currents."""
         return tuple(d for m in self.magnets for d in m.dofs) + tuple(c.current for c in self.coils)

@@ -24,7 +24,12 @@ from numba.core.caching import FunctionCache, NullCache
 
 __all__ = ["inlined", "kernel", "precise", "source_stamp"]
 
-_FLAGS = {"cache": False, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
+_FLAGS: dict[str, Any] = {
+    "cache": False,
+    "nogil": True,
+    "error_model": "numpy",
+    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
+}
 """The default error model's check for division by zero would stop vectorisation; plain ``fastmath=True`` would make
 checks for NaN undefined."""
 

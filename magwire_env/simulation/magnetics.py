@@ -64,7 +64,9 @@ class Slot(NamedTuple):
     coil_axis: int
 
 
-MAGNET, SOURCE, SLOT = (kind(*range(len(kind._fields))) for kind in (Magnet, Source, Slot))
+MAGNET = Magnet(*range(len(Magnet._fields)))
+SOURCE = Source(*range(len(Source._fields)))
+SLOT = Slot(*range(len(Slot._fields)))
 
 
 class Magnetics(NamedTuple):

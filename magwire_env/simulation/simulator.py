@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 from collections.abc import Sequence
 from typing import Any
@@ -282,8 +283,8 @@ class Simulator:
         time = state.time[source]
         for _ in range(horizon):  # summed as `step` sums it, so that the end equals stepping there
             time = time + self.control_period
-        end = scratch.state()
-        return Trajectories(*arrays, position, SimulatorState(end.wire, end.magnet, time, origin, end.columns))
+        end = dataclasses.replace(scratch.state(), time=time, lanes=origin)
+        return Trajectories(*arrays, tip_position=position, end=end)
 
     def _scratch_for(self, n: int, entries: np.ndarray) -> Simulator:
         """A simulator for a rollout of n wires, kept between calls of the same size."""

@@ -43,7 +43,7 @@ class SimulatorState:
     def __getitem__(self, rows: int | slice | np.ndarray) -> SimulatorState:
         """The state of some rows, always a batch: ``state[3]`` holds one wire."""
         rows = np.atleast_1d(np.arange(len(self))[rows])
-        return SimulatorState(*(getattr(self, k)[rows] for k in _ARRAYS), self.columns)
+        return dataclasses.replace(self, **{k: getattr(self, k)[rows] for k in _ARRAYS})
 
     def part(self, name: str) -> np.ndarray:
         """The columns of this name, (n, …). Raises `ValueError` if the wire model has none of that name."""

@@ -142,11 +142,10 @@ def test_a_solve_that_gives_up_says_so():
     envs = gym.make_vec("MagWire/Steer-v0", num_envs=64, scenario=scenario, time_limit=5.0)
     envs.reset(seed=1)
     seen = np.zeros(64)
-    for step, action in enumerate(np.random.default_rng(0).uniform(-1, 1, (50, 64, 1)).astype(np.float32)):
+    for action in np.random.default_rng(0).uniform(-1, 1, (50, 64, 1)).astype(np.float32):
         *_, info = envs.step(action)
         seen += info["unconverged"]
         assert np.array_equal(info["unconverged"], envs.unwrapped.simulator.unconverged)
-    assert step == 49
     assert seen.sum() > 0
     still_running = info["summary"]["steps"] == 50
     assert still_running.any()

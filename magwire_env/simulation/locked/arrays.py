@@ -187,13 +187,16 @@ def _work(nodes: int, dof: int) -> tuple:
     return tuple(a1.Work(solve, out, aligned_zeros(dof, LANES), aligned_zeros(dof, LANES)))
 
 
-def _parameters(sc: Scenario) -> a1.Parameter:
+def _parameters(sc: Scenario) -> np.ndarray:
+    """The fields of `Parameter`."""
     contact = sc.contact
-    return a1.Parameter(
-        friction=contact.friction, stick=contact.stick_speed, inv_lever=1.0 / contact.lever,
-        lever_friction=float(contact.lever_friction), moment=sc.tip.moment, wrench=float(sc.coupling == "wrench"),
-        gravity_x=sc.gravity[0], gravity_y=sc.gravity[1], gravity_z=sc.gravity[2], goal=sc.tract.length,
-    )  # type: ignore[arg-type]  # fmt: skip
+    row = np.zeros(a1.PAR_ROWS)
+    row[PAR.friction], row[PAR.stick] = contact.friction, contact.stick_speed
+    row[PAR.inv_lever], row[PAR.lever_friction] = 1.0 / contact.lever, float(contact.lever_friction)
+    row[PAR.moment], row[PAR.wrench] = sc.tip.moment, float(sc.coupling == "wrench")
+    row[PAR.gravity_x : PAR.gravity_z + 1] = sc.gravity
+    row[PAR.goal] = sc.tract.length
+    return row[a1.FIRST_PARAMETER :]
 
 
 def _wire_rows(sc: Scenario, nodes: int) -> np.ndarray:
