@@ -1,4 +1,4 @@
-"""The benchmark's report: a JSON of aggregates, and from it alone the page, the README's table and the plots."""
+"""The benchmark's report: a JSON of aggregates, and the page, the README's table and the plots, made only from it."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from .plots import draw, heat_map_name
 __all__ = ["MARKS", "insert", "markdown", "readme_table", "text_of", "write"]
 
 MARKS = ("<!-- benchmark:begin -->", "<!-- benchmark:end -->")
-"""Between these lines of the README stands its table."""
+"""The README's table is between these two lines."""
 
 _NONE = "–"
-_KINDS = {"par": "par", "controller": "", "floor": "floor", "trained": "trained"}
+_LABELS = {"par": "par", "controller": "", "floor": "floor", "trained": "trained"}
 
 
 def write(data: dict[str, Any], docs: Path, readme: Path | None = None) -> list[Path]:
     """Write benchmark.json, benchmark.md and figures/*.png under `docs`, and the README's table; returns the files.
 
-    Each plot carries the JSON's SHA-256, so that a plot of other numbers can be told.
+    Each plot carries the SHA-256 of the JSON, so that a plot of other numbers is noticed.
     """
     text = text_of(data)
     data = json.loads(text)
@@ -38,7 +38,7 @@ def write(data: dict[str, Any], docs: Path, readme: Path | None = None) -> list[
 
 
 def text_of(data: dict[str, Any]) -> str:
-    """The JSON file's text: one line an entry of the top level's lists, so that it can be compared by eye."""
+    """The text of the JSON file, with one line for each entry of a top-level list, so that versions can be compared."""
     parts = []
     for key, value in data.items():
         if isinstance(value, list) and value:
@@ -54,7 +54,7 @@ def _compact(value: Any) -> str:
 
 
 def insert(text: str, table: str) -> str:
-    """`text` with `table` between its `MARKS`. Raises `ValueError` if it does not have each of them once, in order."""
+    """`text` with `table` between its `MARKS`. Raises `ValueError` if it does not have each mark once, in order."""
     if any(text.count(mark) != 1 for mark in MARKS) or text.index(MARKS[0]) > text.index(MARKS[1]):
         raise ValueError(f"README must hold the lines {MARKS[0]!r} and {MARKS[1]!r} once each, in this order")
     before, _, rest = text.partition(MARKS[0])
@@ -65,7 +65,7 @@ def readme_table(data: dict[str, Any]) -> str:
     """Success and score of every policy in every arena."""
     arenas = data["arenas"]
     entries = [entry for arena in arenas for entry in arena["policies"]]
-    names = list(dict.fromkeys(entry["policy"] for kind in _KINDS for entry in entries if entry["kind"] == kind))
+    names = list(dict.fromkeys(entry["policy"] for kind in _LABELS for entry in entries if entry["kind"] == kind))
     rows = []
     for name in names:
         own = [next((p for p in arena["policies"] if p["policy"] == name), None) for arena in arenas]
@@ -153,7 +153,7 @@ def _arena(arena: dict[str, Any]) -> str:
 
 
 def _label(name: str, kind: str) -> str:
-    return name + (f" *({_KINDS[kind]})*" if _KINDS[kind] else "")
+    return name + (f" *({_LABELS[kind]})*" if _LABELS[kind] else "")
 
 
 def _row(entry: dict[str, Any], tracking: bool) -> list[str]:
@@ -273,7 +273,7 @@ def _between(values: Sequence[float | None], digits: int) -> str:
 
 
 def _percent(share: float) -> str:
-    """Whole percents, but never 100 % (or 0 %) for what is less (or more)."""
+    """Whole percents; but 100 % only for all, and 0 % only for none."""
     text = f"{100 * share:.0f}"
     if (text == "100" and share < 1.0) or (text == "0" and share > 0.0):
         text = f"{100 * share:.1f}" if f"{100 * share:.1f}" not in ("100.0", "0.0") else f"{100 * share:.2f}"

@@ -13,7 +13,7 @@ import pytest
 import train
 from agents.cli.main import main as magwire
 from agents.cli.pictures import trace
-from agents.cli.view import _lazily, _policies, _time_of_max_force
+from agents.cli.view import _lazily, _policies, _time_to_beat
 from agents.controllers import MaxForce
 from magwire_env.render.frames import Frames
 from magwire_env.render.play import SIZE, Game, play, shown
@@ -85,8 +85,8 @@ def test_the_window_runs_and_closes(game):
 
 
 def test_the_time_to_beat():
-    assert _time_of_max_force(ID, 0, {}) == pytest.approx(7.5, abs=0.3)
-    assert _time_of_max_force(ID, 0, {"time_limit": 1.0}) is None
+    assert _time_to_beat(ID, 0, {}) == pytest.approx(7.5, abs=0.3)
+    assert _time_to_beat(ID, 0, {"time_limit": 1.0}) is None
 
 
 def test_a_trace_is_the_episode():

@@ -11,8 +11,9 @@ from agents.benchmark import cells as kinds
 from agents.benchmark.cells import make
 from agents.benchmark.jobs import jobs_of, run_cells, selected
 from agents.benchmark.plan import ARENAS, HARD, LEARNERS, Arena, Cell, Learner, Plan
+from agents.catalogue import CONTROLLERS
 from agents.cli.main import main as magwire
-from agents.controllers import CONTROLLERS, MaxForce
+from agents.controllers import MaxForce
 from agents.evaluation.evaluator import Episodes, evaluate
 from magwire_env.envs.task import TASKS
 from magwire_env.scenario import Scenario
@@ -86,7 +87,7 @@ def test_jobs_hold_every_cell_once_and_wait_for_training():
 
 @pytest.mark.parametrize("name", ["episodes", "timesteps", "seeds"])
 def test_a_plan_refuses_nothing_to_do(name):
-    with pytest.raises(ValueError, match=f"{name} must be at least 1, got 0"):
+    with pytest.raises(ValueError, match=f"{name} must be a whole number of at least 1, got 0"):
         Plan(**{name: 0})
 
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import magwire_env  # noqa: F401  (registers the ids)
-from agents.controllers import CONTROLLERS, MaxForce
+from agents.catalogue import CONTROLLERS
+from agents.controllers import MaxForce
 from agents.evaluation.evaluator import evaluate, paired_ratio, table
 from magwire_env.simulation import best_command
 

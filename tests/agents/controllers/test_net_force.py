@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import magwire_env  # noqa: F401  (registers the ids)
+from agents.benchmark.certificates import main, ride, ride_certified, ride_refused, sorted_candidates, stops_near
 from agents.controllers import MaxForce, NetForce
-from agents.evaluation.certified import main, ride, ride_certified, ride_refused, sorted_candidates, stops_near
 from magwire_env import Scenario
 from magwire_env.quasistatic import certificate
 

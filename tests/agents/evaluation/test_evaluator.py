@@ -12,7 +12,8 @@ from scipy.stats import trim_mean
 
 from agents.cli.main import main as magwire
 from agents.controllers import MaxForce, NetForce
-from agents.evaluation.evaluator import EVALUATION_SEED, Episodes, evaluate, make_batch, table
+from agents.evaluation.episodes import EVALUATION_SEED
+from agents.evaluation.evaluator import Episodes, evaluate, make_batch, table
 from agents.evaluation.statistics import interquartile_mean, interval, median, performance_profile, stratified_bootstrap
 from magwire_env.quasistatic.pool import scenario_pool
 

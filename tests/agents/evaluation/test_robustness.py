@@ -62,12 +62,12 @@ def test_it_lasts_through_the_episode_and_leaves_the_model_alone():
     env = make_batch(ID, 2, {})
     core = env.unwrapped.core
     controller = NetForce.from_env(env)
-    known = controller._table.copy()
+    known = controller._commands.copy()
     strength = core.sim.arrays.magnets.copy()
     evaluate(controller, ID, 2, env=env, disturb=BY_NAME["remanence +10 %"].apply)
     assert np.abs(core.sim.arrays.magnets - strength).max() > 0
     assert core.sim.library.scenarios == (Scenario.paper(),)
-    assert np.array_equal(NetForce.from_env(env)._table, known)
+    assert np.array_equal(NetForce.from_env(env)._commands, known)
     # What a rollout expects is still what the nominal scenario would do.
     state = core.sim.state()
     plan = np.full((1, 3, 1), 3.0)
@@ -129,5 +129,5 @@ def test_the_command(tmp_path, capsys):
     assert "MaxForce.png" in capsys.readouterr().out
     data = json.loads((tmp_path / "MaxForce.json").read_text())
     assert len(data["rows"]) == len(DISTURBANCES)
-    with pytest.raises(SystemExit, match="episodes must be at least 1"):
+    with pytest.raises(SystemExit, match="episodes must be a whole number of at least 1"):
         magwire(["robustness", "MaxForce", "--episodes", "0"])

@@ -17,22 +17,23 @@ import pytest
 import yaml
 from stable_baselines3.common.vec_env import VecFrameStack
 
-import train
 from agents.cli.main import main as magwire
+from agents.cli.train import train
+from agents.learning.config import Config
 from agents.learning.sb3 import NativeVecEnv, frozen, hyperparameters, load, make_model, make_vec_env
 from agents.learning.training import Run
 from agents.learning.tuning import SPACES, tune
 from magwire_env.quasistatic.pool import scenario_pool
 
 ID = "MagWire/Steer-v0"
-ROOT = Path(train.__file__).parent
+ROOT = Path(__file__).parents[3]
 SMALL = {"timesteps": 8192, "n_envs": 32, "evaluations": 2, "episodes": 8, "progress": False}
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs") / "small"
-    results = train.main(train.Config(run=folder, **SMALL))
+    results = train(Config(run=folder, **SMALL))
     return folder, results
 
 
@@ -63,7 +64,7 @@ def test_a_loaded_model_brings_its_normalisation(run):
 def test_same_seed_same_model(tmp_path):
     settings = SMALL | {"timesteps": 2048, "episodes": 1}
     for name in ("a", "b"):
-        train.main(train.Config(run=tmp_path / name, threads=1, **settings))
+        train(Config(run=tmp_path / name, threads=1, **settings))
     observation, _ = gym.make(ID).reset(seed=0)
     first, again = (load(tmp_path / name).predict(observation)[0] for name in ("a", "b"))
     assert np.array_equal(first, again)
@@ -73,18 +74,18 @@ def test_a_run_folder_that_exists_is_left_alone(run):
     folder, _ = run
     before = (folder / "config.json").read_bytes()
     with pytest.raises(FileExistsError, match="exists: choose another --run, or --resume"):
-        train.main(train.Config(run=folder, **SMALL))
+        train(Config(run=folder, **SMALL))
     assert (folder / "config.json").read_bytes() == before
 
 
 def test_resume_needs_a_run(tmp_path):
     with pytest.raises(FileNotFoundError, match="--resume needs --run"):
-        train.main(train.Config(run=tmp_path / "none", resume=True, **SMALL))
+        train(Config(run=tmp_path / "none", resume=True, **SMALL))
 
 
 def test_resume_of_a_finished_run_only_evaluates_again(run):
     folder, results = run
-    assert train.main(train.Config(run=folder, resume=True, **SMALL)) == results
+    assert train(Config(run=folder, resume=True, **SMALL)) == results
 
 
 @pytest.mark.parametrize("name", ["model.zip", "normalization.pkl", "model.json"])
@@ -129,7 +130,7 @@ def test_ctrl_c_saves_and_resume_goes_on(tmp_path):
     config = json.loads((folder / "config.json").read_text())
     config["hyperparameters"]["n_timesteps"] = done + 2048
     (folder / "config.json").write_text(json.dumps(config))
-    results = train.main(train.Config(run=folder, resume=True, episodes=4, progress=False))
+    results = train(Config(run=folder, resume=True, episodes=4, progress=False))
     assert load_parts(folder / "last")[0].num_timesteps >= done + 2048
     assert results["MaxForce"]["summary"]["episodes"] == 4
 
@@ -137,7 +138,7 @@ def test_ctrl_c_saves_and_resume_goes_on(tmp_path):
 @pytest.mark.parametrize("algorithm", ["sac", "tqc", "crossq", "stacked_ppo"])
 def test_the_other_algorithms_train_too(tmp_path, algorithm):
     settings = SMALL | {"timesteps": 4096, "n_envs": 128, "evaluations": 1, "episodes": 2}
-    results = train.main(train.Config(run=tmp_path / algorithm, algorithm=algorithm, **settings))
+    results = train(Config(run=tmp_path / algorithm, algorithm=algorithm, **settings))
     assert f"trained {algorithm.upper()}" in results
     policy = load(tmp_path / algorithm)
     env = gym.make(ID, **policy.meta["env"])
@@ -162,7 +163,7 @@ def test_a_policy_of_stacked_frames_sees_what_sb3_showed_it():
 
 def test_what_is_for_training_alone_reaches_no_evaluation(tmp_path):
     settings = SMALL | {"timesteps": 4096, "n_envs": 128, "evaluations": 1, "episodes": 2}
-    run = Run.open(train.Config(run=tmp_path / "r", algorithm="stacked_ppo", **settings))
+    run = Run.open(Config(run=tmp_path / "r", algorithm="stacked_ppo", **settings))
     assert run.settings["training_env"] == {"time_limit": 4.0, "reward": {"time": 0.5}}
     assert "time_limit" not in run.validation | run.held_out | run.meta["env"]
     core = make_vec_env(ID, 1, **run.settings["training_env"]).env.core
@@ -171,7 +172,7 @@ def test_what_is_for_training_alone_reaches_no_evaluation(tmp_path):
 
 
 def test_generated_tasks_choose_their_model_on_tracts_of_neither_training_nor_test(tmp_path):
-    config = train.Config(run=tmp_path / "r", task="MagWire/SteerAny-v0", **SMALL)
+    config = Config(run=tmp_path / "r", task="MagWire/SteerAny-v0", **SMALL)
     run = Run.open(config, {"env": {"pool_size": 2}})
     chosen_on = set(run.validation["scenario"])
     for split in ("train", "test"):
@@ -190,7 +191,7 @@ def test_a_study_is_written_with_its_trials(tmp_path):
     assert study["best"]["value"] == max(t["value"] for t in study["trials"])
     with pytest.raises(ValueError, match="algorithm must be one of 'ppo'"):
         tune(ID, "dqn", out=tmp_path)
-    with pytest.raises(ValueError, match="trials must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="trials must be a whole number of at least 1, got 0"):
         tune(ID, "ppo", trials=0, out=tmp_path)
 
 
@@ -226,7 +227,7 @@ def test_the_command_evaluates_a_controller_and_a_model(run, tmp_path, capsys):
     ("arguments", "words"),
     [
         (["evaluate", "NoSuch"], "policy must be a model folder or one of MaxForce"),
-        (["evaluate", "MaxForce", "--episodes", "0"], "episodes must be at least 1"),
+        (["evaluate", "MaxForce", "--episodes", "0"], "episodes must be a whole number of at least 1"),
         (["evaluate", "MaxForce", "--scenario", "missing"], "no shipped scenario of that name"),
         (["train", "--task", "MagWire/None-v9"], "exist in namespace MagWire"),
     ],

@@ -13,10 +13,12 @@ from agents.par import dynamic_programming as dp
 from agents.par.bound import Fastest, least_time
 from agents.par.bracket import Bracket, bracket, least_times, main, nominal
 from agents.par.cache import Cache, default_folder
+from agents.par.cost import FAILED, judged
 from agents.par.planner import best_plans
 from agents.par.refinement import Refinement, refine
 from agents.par.seeds import by_controller
-from agents.par.starts import FAILED, Starts, Trials, actions_of, commands_of, judged
+from agents.par.starts import Starts, actions_of, commands_of
+from agents.par.trials import Trials
 from magwire_env import Scenario
 from magwire_env.envs.vector_env import MagWireVectorEnv
 from magwire_env.quasistatic.pool import scenario_pool

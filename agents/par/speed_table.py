@@ -1,4 +1,4 @@
-"""The quasi-static model of a one-axis rig: how fast the tip moves at every place under every magnet angle."""
+"""The quasi-static model of a rig with one turn: the speed of the tip at every place under every magnet angle."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from magwire_env.quasistatic.along_tract import AlongTract
 from magwire_env.quasistatic.balance import Tails
 from magwire_env.quasistatic.net_force import TipForces
 from magwire_env.simulation.locked.arrays import Library
@@ -17,10 +18,10 @@ _LANES_AT_ONCE = 16384
 
 @dataclass(frozen=True, eq=False)
 class SpeedTable:
-    """Tip speed where the net force goes into drag alone, over (arc length, magnet angle from home).
+    """Speed of a tip whose net force is balanced by drag alone, over (arc length, magnet angle from home).
 
     speed : (S, M) m/s at arc lengths 0, spacing, … and angles −π, −π + 2π/M, …; 0 where friction holds the wire
-    lag : s, in which a speed comes up to it: mass over drag
+    lag : s, time constant with which the true speed follows: mass over drag
     servo : rad/s
     """
 
@@ -31,35 +32,32 @@ class SpeedTable:
 
 
 def speed_tables(library: Library, entries: np.ndarray, spacing: float = 2e-3, angles: int = 100) -> list[SpeedTable]:
-    """The tables of the library's scenarios `entries` (k,), made side by side; the rig has one turn."""
+    """The tables of the library's scenarios `entries` (k,), made side by side. The rig must have one turn."""
     if library.dof != 1 or not library.is_turn[0]:
         raise ValueError(f"library must be of rigs with a single turn, got {library.dof} degrees of freedom")
-    counts = np.ceil(library.tract_length[entries] / spacing).astype(np.int64) + 1
-    owner = np.repeat(entries, counts)
-    place = np.concatenate([spacing * np.arange(count) for count in counts])
-    ahead, ahead_growth = _net(library, owner, place, angles, 1.0)
-    back, back_growth = _net(library, owner, place, angles, -1.0)
+    along = AlongTract(library.tract_length[entries], spacing)
+    owner = entries[along.entries]
+    ahead, ahead_growth = _net_force(library, owner, along.places, angles, 1.0)
+    back, back_growth = _net_force(library, owner, along.places, angles, -1.0)
     speed = np.where(ahead > 0.0, ahead / ahead_growth, np.where(back > 0.0, -back / back_growth, 0.0))
-    tables, first = [], 0
-    for entry, count in zip(entries, counts, strict=True):
-        sc = library.scenarios[entry]
-        mass = sc.moving_mass
-        lag = mass / float(ahead_growth[first : first + count].mean())
-        tables.append(SpeedTable(speed[first : first + count].copy(), spacing, lag, float(library.dofs[entry, 0, 0])))
-        first += count
+    tables = []
+    for entry, first, count in zip(entries, along.first, along.counts, strict=True):
+        rows = slice(first, first + count)
+        lag = library.scenarios[entry].moving_mass / float(ahead_growth[rows].mean())
+        tables.append(SpeedTable(speed[rows].copy(), spacing, lag, float(library.dofs[entry, 0, 0])))
     return tables
 
 
-def _net(
+def _net_force(
     library: Library, owner: np.ndarray, place: np.ndarray, angles: int, direction: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Net force along `direction`, (n, angles) N, and the resistance's growth with speed (n, 1) N·s/m."""
-    pull, growth = Tails(library.scenarios).resistance(owner, place, direction)
+    resistance, growth = Tails(library.scenarios).resistance(owner, place, direction)
     net = np.empty((len(place), angles))
     for first in range(0, len(place), _LANES_AT_ONCE):
         part = slice(first, first + _LANES_AT_ONCE)
-        places = TipForces(library, owner[part], place[part], direction)
+        tips = TipForces(library, owner[part], place[part], direction)
         home = library.home[owner[part]]
         for j in range(angles):
-            net[part, j] = places.force(home + (2 * np.pi * j / angles - np.pi))
-    return net - pull[:, None], growth[:, None]
+            net[part, j] = tips.force(home + (2 * np.pi * j / angles - np.pi))
+    return net - resistance[:, None], growth[:, None]
