@@ -59,7 +59,8 @@ def ride(
     sim = env.unwrapped.core.sim  # type: ignore[attr-defined]
     success, finish, furthest = np.zeros(n, dtype=np.bool_), np.full(n, np.nan), sim.tip_arclength
     for step in episodes(env, actor, observation):
-        furthest = np.where(step.running, np.maximum(furthest, sim.tip_trace.max(axis=1)), furthest)
+        reached = (sim.goals().s[:, None] - sim.remaining_trace).max(axis=1)
+        furthest = np.where(step.running, np.maximum(furthest, reached), furthest)
         if step.ended.any():
             success[step.ended] = step.info["is_success"][step.ended]
             finish[step.ended] = step.info["summary"]["time"][step.ended]

@@ -11,7 +11,7 @@ import numpy as np
 from magwire_env.envs.core import SteeringCore
 from magwire_env.scenario import Scenario
 
-__all__ = ["Controller", "Memory", "wrapped"]
+__all__ = ["Controller", "Memory"]
 
 Memory = tuple[np.ndarray, ...] | None
 """What a controller remembers from step to step: arrays with one row a lane."""
@@ -77,10 +77,4 @@ class Controller(ABC):
     def limits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Speed, lowest and highest setting of every degree of freedom, (n, dof) each; a turn's are home ± π."""
         sim = self.core.sim
-        speed, low, high = sim.library.dofs[sim.lane_scenario].transpose(2, 0, 1)
-        return speed, low, high
-
-
-def wrapped(angle: np.ndarray) -> np.ndarray:
-    """The same angle in [−π, π], rad."""
-    return angle - 2 * np.pi * np.round(angle / (2 * np.pi))
+        return sim.library.limits.of(sim.lane_scenario)

@@ -7,7 +7,7 @@ import numpy as np
 from magwire_env.quasistatic.along_tract import AlongTract
 from magwire_env.quasistatic.balance import Tails
 from magwire_env.quasistatic.net_force import greatest
-from magwire_env.simulation.locked.arrays import Library
+from magwire_env.simulation import Library
 
 __all__ = ["CommandTable"]
 
@@ -32,7 +32,7 @@ class CommandTable:
         self._commands, force = greatest(library, along.entries, along.places, direction)
         resistance, growth = Tails(library.scenarios).resistance(along.entries, along.places, direction)
         speed = np.maximum((force - resistance) / np.maximum(growth, 1e-9), _SLOWEST)
-        turning = np.abs(np.diff(self._commands, axis=0)) / library.dofs[along.entries[1:], :, 0]
+        turning = np.abs(np.diff(self._commands, axis=0)) / library.limits.speed[along.entries[1:]]
         step = np.maximum(spacing * 0.5 * (1 / speed[1:] + 1 / speed[:-1]), turning.max(axis=1))
         self._clock = np.r_[0.0, step.cumsum()]
         mass = np.array([sc.moving_mass for sc in library.scenarios])

@@ -9,8 +9,9 @@ import numpy as np
 
 from magwire_env.envs.observation import FORCE_SCALE
 from magwire_env.physics.checks import positive
+from magwire_env.scenario.rig import wrapped
 
-from .base import Controller, Memory, wrapped
+from .base import Controller, Memory
 from .seen import magnet_seen
 
 __all__ = ["ExtremumSeeking"]

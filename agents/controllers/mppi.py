@@ -95,8 +95,7 @@ class MPPI(Controller):
         self.settings = c = settings or MPPISettings(**single)
         sim, self._kind = self.core.sim, self.core.task.kind
         self._model = Simulator(sim.library.scenarios, sim.num_envs, lane_scenario=sim.lane_scenario)
-        directions = (1,) if self._kind == "steer" else (1, -1)
-        self._tables = [CommandTable(sim.library, c.spacing, direction) for direction in directions]
+        self._tables = [CommandTable(sim.library, c.spacing, direction) for direction in self._kind.directions]
         led = len(self._tables) * (len(_BEFORE_THE_TIP) + len(_LEADS))
         self._noise = _noise(c, c.samples - led, sim.dof)
 
@@ -128,9 +127,7 @@ class MPPI(Controller):
         """Tips (n,) m, and the wires as estimated: at rest length behind the tip, all nodes at the tip's speed."""
         tip, speed = tip_seen(self, observation)
         self._model.reset(tip, magnet_seen(self, observation))
-        laid = self._model.state()
-        velocities = np.broadcast_to(speed[:, None], laid.arclengths.shape)
-        return tip, SimulatorState(laid.arclengths, velocities, laid.magnet, laid.time, laid.lanes)
+        return tip, self._model.state().replaced(velocities=speed[:, None])
 
     # --- what is tried ----------------------------------------------------------------------------------------------
 
@@ -171,13 +168,13 @@ class MPPI(Controller):
     def _cost(self, moves: Trajectories, tip: np.ndarray, aim: np.ndarray) -> np.ndarray:
         """The cost of every plan, (n, K): s, or m² in a tracking task."""
         gap = aim[:, None] - moves.tip_arclength
-        if self._kind == "track":
+        if self._kind.follows:
             return gap**2 @ self.settings.fade ** np.arange(gap.shape[2])
         entries, goal = self._model.lane_scenario[:, None], aim[:, -1:]
         end, speed = moves.tip_arclength[..., -1], moves.tip_velocity[..., -1]
         forth = self._tables[0]
         left = forth.time(entries, end + forth.coast[entries] * speed, goal)
-        if self._kind == "steer":
+        if self._kind.passes:
             return self._time_to_goal(gap, goal - tip[:, None], left) + (moves.tip_arclength < 0.0).sum(axis=2)
         band = self.settings.settle * self.core.task.tolerance
         # Far away the cost is the time, almost flat; the small slope makes every millimetre count.

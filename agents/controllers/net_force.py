@@ -9,8 +9,9 @@ import numpy as np
 
 from magwire_env.quasistatic.along_tract import AlongTract
 from magwire_env.quasistatic.net_force import greatest
+from magwire_env.scenario.rig import wrapped
 
-from .base import Controller, Memory, wrapped
+from .base import Controller, Memory
 from .seen import magnet_seen, tip_seen
 
 __all__ = ["NetForce"]
@@ -52,7 +53,7 @@ class NetForce(Controller):
         commands, _ = greatest(library, along.entries, along.places, direction)
         # Rows in the order of travel, one scenario after another.
         self._commands = commands if direction > 0 else commands[along.mirrored]
-        gap = np.abs(np.diff(self._commands, axis=0)) / library.dofs[along.entries[1:], :, 0]
+        gap = np.abs(np.diff(self._commands, axis=0)) / library.limits.speed[along.entries[1:]]
         self._pause = np.r_[gap.max(axis=1) + 1e-9, 0.0]
         self._clock = np.r_[0.0, self._pause[:-1].cumsum()]
 
@@ -105,4 +106,4 @@ class NetForce(Controller):
         is_turn = self.core.sim.library.is_turn
         speed, low, high = self.limits
         gap = np.where(is_turn, command, np.clip(command, low, high)) - magnet_seen(self, observation)
-        return (np.abs(np.where(is_turn, wrapped(gap), gap)) / speed).max(axis=1)
+        return (np.abs(wrapped(gap, is_turn)) / speed).max(axis=1)

@@ -92,7 +92,7 @@ class PD(Controller):
         entries = sim.lane_scenario
         tip, speed = tip_seen(self, observation)
         aims = aim_seen(self, observation, period * np.array([0.5, 1.0, 1.5]))
-        if self.core.task.kind == "steer":
+        if self.core.task.kind.passes:
             aims = aims + _BEYOND
         wanted = (aims[:, 2] - aims[:, 0]) / period + self.kp * (aims[:, 1] - tip - 0.5 * period * speed)
         at = tip + 0.5 * period * speed

@@ -38,7 +38,7 @@ def aim_seen(controller: Controller, observation: np.ndarray, times: np.ndarray)
     The reference is the polynomial through the points of `reference_preview`; after the last one it stands still.
     """
     tip, _ = tip_seen(controller, observation)
-    if controller.core.task.kind == "track":
+    if controller.core.task.kind.follows:
         ahead = controller.seen(observation, "reference_preview").astype(np.float64) * LENGTH_SCALE
         offsets = np.array(REFERENCE_OFFSETS)
         return tip[:, None] + ahead @ _lagrange(offsets, np.minimum(times, offsets[-1]))

@@ -175,7 +175,7 @@ def evaluate(
         cost += np.where(step.running, info["cost"], 0.0)
         if ended.any():
             results["success"][ended] = info["is_success"][ended]
-            results["path_ratio"][ended] = np.nan if core.task.kind == "track" else info["path_ratio"][ended]
+            results["path_ratio"][ended] = np.nan if core.task.kind.follows else info["path_ratio"][ended]
             for key in (*_SUMMARISED, "steps"):
                 if key in info["summary"]:
                     results[key][ended] = info["summary"][key][ended]

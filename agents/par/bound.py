@@ -12,8 +12,7 @@ from magwire_env.quasistatic.balance import Tails
 from magwire_env.quasistatic.certificate import traverse
 from magwire_env.quasistatic.net_force import TipForces, greatest
 from magwire_env.scenario import Scenario
-from magwire_env.simulation.locked import algorithm1 as a1
-from magwire_env.simulation.locked.arrays import LaneArrays, Library
+from magwire_env.simulation import Library, Places, Simulator
 
 __all__ = ["Fastest", "least_time"]
 
@@ -152,13 +151,13 @@ class Fastest:
 
     def _ticks(self) -> int:
         """Number of steps until the servo reaches every angle."""
-        return int(np.ceil(np.pi / float(self.library.dofs[0, 0, 0]) / _TICK))
+        return int(np.ceil(np.pi / float(self.library.limits.speed[0, 0]) / _TICK))
 
     def _arc(self, magnet: float, ticks: int) -> np.ndarray:
         """Columns of the angles that the servo reaches within `ticks` steps, rounded outwards."""
         column = 2 * np.pi / _ANGLES
         here = (magnet - float(self.library.home[0, 0]) + np.pi) / column
-        arc = float(self.library.dofs[0, 0, 0]) * ticks * _TICK / column
+        arc = float(self.library.limits.speed[0, 0]) * ticks * _TICK / column
         return np.arange(np.floor(here - arc), np.ceil(here + arc) + 1).astype(np.int64) % _ANGLES
 
     def _ordered(self, motion: int) -> tuple[np.ndarray, np.ndarray]:
@@ -193,17 +192,16 @@ def _chain_less_curve(library: Library, tips: np.ndarray) -> np.ndarray:
 def _bending_energy(library: Library, tips: np.ndarray) -> np.ndarray:
     """Bending energy of wires laid at rest behind `tips`, (n,) J: the joints, and the half cells at the two ends."""
     n = len(tips)
-    arrays, lanes = LaneArrays(library, n), np.arange(n)
-    arrays.lay_at_rest(lanes, tips)
-    points, tangents = library.centreline(np.zeros(n, dtype=np.int64), arrays.arclengths())
+    sim, scenario = Simulator(library, n, lane_scenario=np.zeros(n, dtype=np.int64)), library.scenarios[0]
+    sim.lay(np.arange(n), Places(tips), np.broadcast_to(library.home[0], (n, library.dof)))
+    s, wire = sim.state().arclengths, scenario.wire
+    points, tangents = scenario.tract.position(s), scenario.tract.tangent(s[:, [0, -1]])
     segments = np.diff(points, axis=1)
     units = segments / np.linalg.norm(segments, axis=2, keepdims=True)
-    ends = tangents[:, [0, -1]] / np.linalg.norm(tangents[:, [0, -1]], axis=2, keepdims=True)
     joints = _angle(units[:, :-1], units[:, 1:])
-    halves = _angle(ends, units[:, [0, -1]])
-    wire = library.wire[0].reshape(library.nodes, -1)
-    bend, end = wire[1, a1.K_BEND // a1.LANES], wire[0, a1.K_END // a1.LANES]
-    return 0.5 * bend * (joints * joints).sum(axis=1) + 0.5 * end * (halves * halves).sum(axis=1)
+    halves = _angle(tangents, units[:, [0, -1]])
+    # The half cells at the two ends are twice as stiff as a joint.
+    return 0.5 * wire.bending_spring * ((joints * joints).sum(axis=1) + 2 * (halves * halves).sum(axis=1))
 
 
 def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:

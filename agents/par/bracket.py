@@ -52,17 +52,17 @@ def least_times(starts: Starts) -> np.ndarray:
     fastest: dict[tuple[int, int], Fastest] = {}
     least = np.zeros(len(starts))
     timing, task = starts.library.timing, starts.task
-    for i in range(len(starts) if task.kind != "track" else 0):
+    for i in range(len(starts) if not task.kind.follows else 0):
         entry, tip, goal = int(starts.entries[i]), float(starts.tip[i]), float(starts.goal[i])
         direction = 1 if goal > tip else -1
-        if task.kind == "reach":
+        if task.kind.holds:
             goal -= direction * task.tolerance
         if (entry, direction) not in fastest:
             fastest[entry, direction] = Fastest(starts.library.scenarios[entry], direction)
         if direction * (goal - tip) > 0.0:
             magnet = float(starts.magnet[i, 0]) if starts.magnet.shape[1] == 1 else None
             least[i] = fastest[entry, direction].least(tip, goal, magnet)
-        if task.kind == "reach":
+        if task.kind.holds:
             period = timing.control_period
             last = least[i] / period - 1.0 / timing.substeps + task.hold_periods(period)
             least[i] = np.ceil(last - 1e-9) * period
@@ -81,7 +81,7 @@ def nominal(
 ) -> Bracket:  # fmt: skip
     """The bracket of a steering task with the tip at the wire's length and the magnets at their best, then at home."""
     env = _batch(task, 2, [scenario, scenario])
-    if env.core.task.kind != "steer":
+    if not env.core.task.kind.passes:
         raise ValueError(f"task must be a steering task to have a nominal start, got {env.core.task.id!r}")
     fastest, tip = Fastest(scenario), scenario.wire.length
     best = fastest.commands[int(np.abs(fastest.places - tip).argmin())]
@@ -129,8 +129,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     scenario = Scenario.load(options.scenario) if options.scenario else task.scenario() if task.scenario else None
     print(f"{options.task}, scenario {scenario.name if scenario else 'of the test split, one an episode'}")
     print(f"{'start':52} {'lower':>9} {'upper':>9} {'gap':>7}")
-    unit = "m" if task.kind == "track" else "s"
-    if scenario is not None and task.kind == "steer":
+    unit = "m" if task.kind.follows else "s"
+    if scenario is not None and task.kind.passes:
         found = nominal(scenario, task, settings, cache)
         for i, where in enumerate(("at their best", "at home")):
             _line(f"tip at {scenario.wire.length:.3f} m, magnets {where}", found.lower[i], found.upper[i], unit)
@@ -144,7 +144,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             upper.mean(),
             unit,
         )
-    if reached.any() and task.kind != "track":
+    if reached.any() and not task.kind.follows:
         gaps = found.gap[reached]
         print(f"gap over these starts: mean {gaps.mean():.2%}, median {np.median(gaps):.2%}, largest {gaps.max():.2%}")
 

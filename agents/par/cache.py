@@ -43,8 +43,8 @@ class Cache:
     def keys(self, starts: Starts, settings: Any) -> list[str]:
         """A digest for every episode: of its scenario, task, start, goal or reference, planner settings and version."""
         task = starts.task
-        common = [VERSION, task.kind, task.tolerance, task.hold, starts.step_limit, asdict(settings)]
-        if task.kind != "reach":
+        common = [VERSION, task.kind.name, task.tolerance, task.hold, starts.step_limit, asdict(settings)]
+        if not task.kind.holds:
             common[2:4] = [None, None]
         head = json.dumps(common, sort_keys=True).encode()
         return [self._key(head, starts, i) for i in range(len(starts))]

@@ -24,11 +24,11 @@ def judged(starts: Starts, trace: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
     """`Outcome.value`, `time` and `steps` of recorded episodes, from their traces (H, substeps + 1, n) m."""
     task = starts.task
     env = verdict(task, trace, starts.goal, starts.reference, starts.step_limit, starts.period)
-    if task.kind == "track":
+    if task.kind.follows:
         held = env.alive.all(axis=0)
         rms = env.rms_error
         return np.where(held, rms, FAILED + rms), np.where(held, rms, np.nan), np.full(trace.shape[2], len(trace))
-    cost = _steering_cost if task.kind == "steer" else _reaching_cost
+    cost = _steering_cost if task.kind.passes else _reaching_cost
     value, time = cost(starts, trace, env), np.where(env.success, env.time, np.nan)
     return value, time, np.where(env.success, env.steps, len(trace))
 

@@ -1,4 +1,4 @@
-"""The env's own rules, for lanes that are simulated without an env: commands from actions, and the judgement.
+"""The env's own judgement, for episodes that were simulated without an env.
 
 Nothing else in `agents` calls the env's kernels.
 """
@@ -10,21 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from magwire_env.envs import kernels
-from magwire_env.envs.task import KINDS, Task
+from magwire_env.envs.kernels import EPISODE, VALUE
+from magwire_env.envs.rewards import TERMS
+from magwire_env.envs.task import Task
 from magwire_env.simulation.lanes import LANES
-from magwire_env.simulation.locked import algorithm1 as a1
-from magwire_env.simulation.locked.arrays import LaneArrays
+from magwire_env.simulation.readout import ROW
 
-__all__ = ["Verdict", "verdict", "write_command"]
-
-
-def write_command(arrays: LaneArrays, actions: np.ndarray, period: float) -> None:
-    """Write the command of actions (m, dof) in the mode "angle" into the first m lanes of `arrays`."""
-    lane = kernels.command_of(
-        kernels.ANGLE, actions, arrays.library.is_turn, period, arrays.dofs, arrays.q, arrays.command
-    )
-    if lane >= 0:
-        raise ValueError(f"actions[{lane}] must be numbers in [-1, 1], got {actions[lane].tolist()}")
+__all__ = ["Verdict", "verdict"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,29 +50,28 @@ def verdict(
     """
     horizon, points, n = trace.shape
     width = -(-n // LANES) * LANES  # kernels work on whole blocks of lanes
-    padded = np.zeros((horizon, points, width))
-    padded[:, :, :n] = trace
-    kind = KINDS.index(task.kind)
-    lanes, out = np.zeros((kernels.LANE_FIELDS, width)), np.zeros((a1.OF_ALL, width))
-    lanes[kernels.GOAL, :n] = goal
-    lanes[kernels.START_DISTANCE] = lanes[kernels.TRACT_LENGTH] = 1.0
-    lanes[kernels.WALL_LIMIT] = np.inf
-    values, summary = np.empty((kernels.VALUE_FIELDS, width)), np.zeros((len(kernels.SUMMARY), n))
-    unsafe, weights = 0.0, np.zeros(4)  # no safety mode, and rewards are not asked for
+    left = np.zeros((horizon, points, width))  # ways left to the goals, m
+    left[:, :, :n] = (reference[:, 1 : horizon + 1].T[:, None] if task.kind.follows else goal) - trace
+    rule = task.kind.rule
+    lanes, readout = np.zeros((len(EPISODE), width)), np.zeros((len(ROW), width))
+    lanes[EPISODE.start_distance] = lanes[EPISODE.route_length] = 1.0
+    lanes[EPISODE.wall_limit] = np.inf
+    values, summary = np.empty((len(VALUE), width)), np.zeros((len(kernels.SUMMARY), n))
+    unsafe, weights = 0.0, np.zeros(len(TERMS))  # no safety mode, and rewards are not asked for
     running, success, alive = np.ones(n, np.bool_), np.zeros(n, np.bool_), np.ones((horizon, n), np.bool_)
     steps, time = np.full(n, horizon), np.full(n, np.nan)
     for step in range(horizon):
-        if task.kind == "track":
-            lanes[kernels.GOAL, :n] = reference[:, step + 1]
-        out[a1.TIP_S // LANES] = padded[step, -1]
-        kernels.judge(
-            n, kind, out, padded[step], step_limit, period, task.tolerance, task.hold, unsafe, weights, lanes, values
+        readout[ROW.travelled, :n], readout[ROW.remaining] = trace[step, -1], left[step, -1]
+        diverged = kernels.judge(
+            n, rule, readout, left[step], step_limit, period, task.tolerance, task.hold, unsafe, weights, lanes, values
         )
-        won, terminated, truncated = values[[kernels.SUCCESS, kernels.TERMINATED, kernels.TRUNCATED], :n] > 0.0
+        if diverged >= 0:
+            raise RuntimeError(f"the wire of plan {diverged} has diverged: its tip is at {trace[step, -1, diverged]} m")
+        won, terminated, truncated = values[[VALUE.success, VALUE.terminated, VALUE.truncated], :n] > 0.0
         alive[step] = ~(terminated & ~won)
         ended = running & (terminated | truncated)
-        kernels.summarise(np.flatnonzero(ended), kind, padded[step], period, lanes, summary)
+        kernels.summarise(np.flatnonzero(ended), rule, left[step], period, lanes, summary)
         steps[ended], time[ended], success[ended] = step + 1, summary[1, ended], won[ended]
         running &= ~ended
-    kernels.summarise(np.arange(n), kind, padded[-1], period, lanes, summary)
+    kernels.summarise(np.arange(n), rule, left[-1], period, lanes, summary)
     return Verdict(success, steps, time, np.logical_and.accumulate(alive, axis=0), summary[-1])

@@ -47,7 +47,7 @@ class Optimal(Controller):
         self.again = again
         n, core = self.core.sim.num_envs, self.core
         self._actions = np.zeros((n, core.step_limit, core.sim.dof), dtype=np.float32)
-        self._start = np.full((n, 2 + core.sim.dof + core.reference.shape[1]), np.nan)
+        self._start = np.full((n, 2 + core.sim.dof + core.episodes.reference.shape[1]), np.nan)
         self._entry, self._ended = np.full(n, -1), np.zeros(n, dtype=np.bool_)
         self.time = np.full(n, np.nan)
         """(n,) s, duration of the lanes' plans, in a tracking task their RMS error in m; NaN without success."""

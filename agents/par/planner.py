@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from magwire_env.envs.kernels import FOLLOW, HOLD, PASS
+
 from ..controllers import MPPI, PD, Controller, MaxForce, NetForce
 from .cache import Cache
 from .refinement import Refinement, refine
@@ -17,12 +19,12 @@ from .trials import Trials
 
 __all__ = ["Plans", "best_plans"]
 
-_FIRST: dict[str, tuple[type[Controller], ...]] = {
-    "steer": (NetForce, MaxForce, MPPI),
-    "reach": (PD, MPPI),
-    "track": (PD, MPPI),
+_FIRST: dict[int, tuple[type[Controller], ...]] = {
+    PASS: (NetForce, MaxForce, MPPI),
+    HOLD: (PD, MPPI),
+    FOLLOW: (PD, MPPI),
 }
-"""Controllers that give first plans, by kind of task, for the rigs that they serve."""
+"""Controllers that give first plans, by the rule of the kind of task, for the rigs that they serve."""
 
 _TOGETHER = 64
 """Number of episodes refined side by side."""
@@ -95,6 +97,6 @@ def _first_plans(trials: Trials) -> Iterator[np.ndarray]:
     starts = trials.starts
     if starts.one_turn:
         yield by_dynamic_programming(trials)
-    for controller in _FIRST[starts.task.kind]:
+    for controller in _FIRST[starts.task.kind.rule]:
         if not controller.refusal(starts.library.scenarios[0]):
             yield by_controller(starts, controller.from_env)

@@ -65,7 +65,7 @@ def refine(trials: Trials, plans: np.ndarray, settings: Refinement) -> tuple[np.
     size, idle, score = np.full(n, _SIZE), np.zeros(n, dtype=np.int64), value.copy()
     last, joined = np.zeros(best.shape), np.zeros(best.shape)
     rng = np.random.default_rng(settings.seed)
-    pace = library.dofs[entries, :, 0] * starts.period
+    pace = library.limits.speed[entries] * starts.period
     k = settings.samples
     for _ in range(settings.rounds):
         rows = np.flatnonzero(idle < settings.patience)
@@ -78,7 +78,7 @@ def refine(trials: Trials, plans: np.ndarray, settings: Refinement) -> tuple[np.
         changes[:, 0], changes[:, 1] = last[rows, :horizon], joined[rows, :horizon]
         changes[:, 2] = 0.5 * changes[:, 1]
         tried = actions_of(library, entries[rows], course[:, None] + changes)
-        clocked = rng.random(k) < (_CLOCKED if starts.task.kind == "steer" else 1.0)
+        clocked = rng.random(k) < (_CLOCKED if starts.task.kind.passes else 1.0)
         follow = np.where(clocked[None, :, None], np.nan, tip[rows, None, :horizon])
         outcome = trials.run(
             np.repeat(rows, k),

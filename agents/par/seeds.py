@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from magwire_env.envs.core import SteeringCore
+from magwire_env.envs.kernels import FOLLOW, HOLD, PASS
 from magwire_env.envs.vector_env import MagWireVectorEnv
-from magwire_env.simulation.locked import algorithm1 as a1
+from magwire_env.simulation import Places
 
 from ..evaluation.episodes import Policy, episodes
 from . import dynamic_programming as dp
@@ -32,8 +33,8 @@ _BESIDE = 0.06
 _SWEEPS, _TOLERANCE = 200, 1e-4
 """Most sweeps of the recursion, and the change of the values, s, below which it stops."""
 
-_ASKED = {"steer": dp.TO_THE_END, "reach": dp.TO_A_TARGET, "track": dp.ALONG_A_REFERENCE}
-"""What dynamic programming is asked for, by kind of task."""
+_ASKED = {PASS: dp.TO_THE_END, HOLD: dp.TO_A_TARGET, FOLLOW: dp.ALONG_A_REFERENCE}
+"""What dynamic programming is asked for, by the rule of the kind of task."""
 
 _TOGETHER = 32
 """Number of episodes whose value tables are in memory at the same time."""
@@ -65,9 +66,9 @@ class _Model:
 def _solve(starts: Starts, i: int, model: _Model) -> tuple[np.ndarray, np.ndarray]:
     """Value tables of episode i: over the whole way, and those of the hold or along the reference (else empty)."""
     period, goal, moves = starts.period, float(starts.goal[i]), model.moves
-    if starts.task.kind == "steer":
+    if starts.task.kind.passes:
         return dp.to_the_end(moves, model.spacing, goal, model.reach, period, _SWEEPS, _TOLERANCE), _NONE
-    if starts.task.kind == "track":
+    if starts.task.kind.follows:
         reference = np.ascontiguousarray(starts.reference[i, : starts.step_limit + 1])
         return _NONE[0], dp.along_a_reference(moves, model.spacing, reference, _FINE, _BAND, model.reach, period)
     low, high = sorted((float(starts.tip[i]), goal))
@@ -83,7 +84,7 @@ def _solve(starts: Starts, i: int, model: _Model) -> tuple[np.ndarray, np.ndarra
 def _closed_loop(trials: Trials, rows: np.ndarray, models: list[_Model]) -> np.ndarray:
     """Actions (m, H, 1) of the episodes `rows`: in every step the turn of the best value."""
     starts, period = trials.starts, trials.starts.period
-    task, kind = starts.task, _ASKED[starts.task.kind]
+    task, kind = starts.task, _ASKED[starts.task.kind.rule]
     steering, tracking = kind == dp.TO_THE_END, kind == dp.ALONG_A_REFERENCE
     solved: dict[Any, tuple[np.ndarray, np.ndarray]] = {}
     keys = [(id(model), starts.goal[i] if steering else i) for i, model in zip(rows, models, strict=True)]
@@ -91,11 +92,11 @@ def _closed_loop(trials: Trials, rows: np.ndarray, models: list[_Model]) -> np.n
         if key not in solved:
             solved[key] = _solve(starts, i, model)
     m, hold, home = len(rows), task.hold_periods(period), starts.library.home[starts.entries[rows], 0]
-    arrays, goal = trials.lanes(rows), starts.goal[rows]
+    sim, goal = trials.lanes(rows), starts.goal[rows]
     left = np.full(m, hold)  # periods of the hold that are still to come
     command, actions = np.zeros((m, 1)), np.zeros((m, starts.step_limit, 1), dtype=np.float32)
     for step in range(starts.step_limit):
-        tip, speed, angle = arrays.result(a1.TIP_S), arrays.result(a1.TIP_V), arrays.q[0, :m].copy()
+        tip, speed, angle = sim.travelled, sim.tip_velocity, sim.magnet[:, 0]
         target = starts.reference[rows, step + 1] if tracking else goal
         for n, model in enumerate(models):
             values, more = solved[keys[n]]
@@ -106,8 +107,8 @@ def _closed_loop(trials: Trials, rows: np.ndarray, models: list[_Model]) -> np.n
             )  # fmt: skip
             command[n, 0] = angle[n] + turn * model.column
         actions[:, step] = actions_of(starts.library, starts.entries[rows], command)
-        trials.act(arrays, actions[:, step].astype(np.float64))
-        trace = arrays.trace[1:, :m]
+        trials.act(sim, actions[:, step].astype(np.float64))
+        trace = -sim.trace[1:, :m]
         inside = (np.abs(trace - goal) <= task.tolerance).all(axis=0)
         left = np.where(inside, np.maximum(left - 1, 1), hold)
         if steering and (trace.max(axis=0) >= goal).all():
@@ -143,9 +144,7 @@ def by_controller(starts: Starts, policy: Callable[[Any], Policy]) -> np.ndarray
 
 def _begin_at(core: SteeringCore, starts: Starts) -> None:
     """Put the episodes that have just begun in all lanes to `starts`."""
-    core.sim.lay(np.arange(len(starts)), starts.tip, starts.magnet)
-    core.goal[:] = starts.goal
-    core.reference[:] = starts.reference
+    core.begin_at(np.arange(len(starts)), Places(starts.tip), Places(starts.goal), starts.magnet, starts.reference)
 
 
 class _WithoutResets:

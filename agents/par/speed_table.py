@@ -9,7 +9,7 @@ import numpy as np
 from magwire_env.quasistatic.along_tract import AlongTract
 from magwire_env.quasistatic.balance import Tails
 from magwire_env.quasistatic.net_force import TipForces
-from magwire_env.simulation.locked.arrays import Library
+from magwire_env.simulation import Library
 
 __all__ = ["SpeedTable", "speed_tables"]
 
@@ -44,7 +44,7 @@ def speed_tables(library: Library, entries: np.ndarray, spacing: float = 2e-3, a
     for entry, first, count in zip(entries, along.first, along.counts, strict=True):
         rows = slice(first, first + count)
         lag = library.scenarios[entry].moving_mass / float(ahead_growth[rows].mean())
-        tables.append(SpeedTable(speed[rows].copy(), spacing, lag, float(library.dofs[entry, 0, 0])))
+        tables.append(SpeedTable(speed[rows].copy(), spacing, lag, float(library.limits.speed[entry, 0])))
     return tables
 
 

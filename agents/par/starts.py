@@ -8,7 +8,8 @@ import numpy as np
 
 from magwire_env.envs.core import SteeringCore
 from magwire_env.envs.task import Task
-from magwire_env.simulation.locked.arrays import Library
+from magwire_env.scenario.rig import wrapped
+from magwire_env.simulation import Library
 
 __all__ = ["Starts", "actions_of", "commands_of"]
 
@@ -39,7 +40,7 @@ class Starts:
         sim = core.sim
         return cls(
             core.task, sim.library, sim.lane_scenario[lanes], sim.tip_arclength[lanes], sim.magnet[lanes],
-            core.goal[lanes].copy(), core.reference[lanes], core.step_limit,
+            core.goal[lanes], core.episodes.reference[lanes], core.step_limit,
         )  # fmt: skip
 
     def __len__(self) -> int:
@@ -68,7 +69,7 @@ def actions_of(library: Library, entries: np.ndarray, commands: np.ndarray) -> n
     """
     low, high = _limits(library, entries, commands.ndim)
     gap = commands - 0.5 * (low + high)
-    gap = np.where(library.is_turn, gap - 2 * np.pi * np.floor(gap / (2 * np.pi) + 0.5), gap)
+    gap = wrapped(gap, library.is_turn)
     return np.clip(gap / (0.5 * (high - low)), -1.0, 1.0).astype(np.float32)
 
 
@@ -81,4 +82,4 @@ def commands_of(library: Library, entries: np.ndarray, actions: np.ndarray) -> n
 def _limits(library: Library, entries: np.ndarray, ndim: int) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest setting of every degree of freedom, shaped to broadcast over arrays of `ndim` axes."""
     shape = (len(entries), *[1] * (ndim - 2), library.dof)
-    return library.dofs[entries, :, 1].reshape(shape), library.dofs[entries, :, 2].reshape(shape)
+    return library.limits.low[entries].reshape(shape), library.limits.high[entries].reshape(shape)

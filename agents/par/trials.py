@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magwire_env.simulation.locked import algorithm1 as a1
-from magwire_env.simulation.locked.arrays import LaneArrays
+from magwire_env.envs.action import Actuation
+from magwire_env.simulation import Places, Simulator
 
 from .cost import judged
-from .env_rules import write_command
 from .starts import Starts, actions_of, commands_of
 
 __all__ = ["Outcome", "Trials"]
@@ -50,21 +49,23 @@ class Trials:
 
     def __init__(self, starts: Starts) -> None:
         self.starts = starts
-        self._arrays: dict[int, LaneArrays] = {}
+        self._sims: dict[int, Simulator] = {}
 
-    def lanes(self, rows: np.ndarray) -> LaneArrays:
-        """A kernel's arrays whose first m lanes are at the starts `rows` (m,). The arrays are kept between calls."""
+    def lanes(self, rows: np.ndarray) -> Simulator:
+        """A simulator whose lanes are at the starts `rows` (m,). It is kept between calls.
+
+        Its goals are the inlets, so its trace of the way left is the tip's arc length with the sign turned.
+        """
         starts, m = self.starts, len(rows)
-        if m not in self._arrays:
-            if len(self._arrays) > 3:
-                self._arrays.clear()
-            self._arrays[m] = LaneArrays(starts.library, m)
-        arrays, lanes = self._arrays[m], np.arange(m)
-        arrays.take(lanes, starts.entries[rows])
-        arrays.lay_at_rest(lanes, starts.tip[rows])
-        arrays.write(lanes, magnet=starts.magnet[rows])
-        arrays.refresh(lanes)
-        return arrays
+        if m not in self._sims:
+            if len(self._sims) > 3:
+                self._sims.clear()
+            self._sims[m] = Simulator(starts.library, m, lane_scenario=starts.entries[rows])
+        sim, lanes = self._sims[m], np.arange(m)
+        sim.assign(lanes, starts.entries[rows])
+        sim.set_goal(lanes, np.zeros(m))
+        sim.lay(lanes, Places(starts.tip[rows]), starts.magnet[rows])
+        return sim
 
     def run(self, rows: np.ndarray, actions: np.ndarray, follow: np.ndarray | None = None) -> Outcome:
         """Try plans (m, H, dof) of single-precision actions from the starts `rows` (m,).
@@ -78,28 +79,28 @@ class Trials:
         ]
         return Outcome(*(np.concatenate([getattr(p, k) for p in parts]) for k in Outcome.__dataclass_fields__))
 
-    def act(self, arrays: LaneArrays, actions: np.ndarray) -> None:
-        """One control period of `arrays` under actions (m, dof)."""
-        write_command(arrays, actions, self.starts.period)
-        arrays.step()
+    def act(self, sim: Simulator, actions: np.ndarray) -> None:
+        """One control period of every lane under actions (m, dof) of the mode "angle"."""
+        Actuation(sim).write(actions, sim.command)
+        sim.advance()
 
     def _run(self, rows: np.ndarray, actions: np.ndarray, follow: np.ndarray | None) -> Outcome:
         starts = self.starts
         m, horizon = actions.shape[:2]
-        arrays, goal = self.lanes(rows), starts.goal[rows]
-        trace, tip = np.empty((horizon, arrays.trace.shape[0], m)), np.empty((horizon, m))
+        sim, goal = self.lanes(rows), starts.goal[rows]
+        trace, tip = np.empty((horizon, sim.trace.shape[0], m)), np.empty((horizon, m))
         magnet = np.empty((horizon, starts.library.dof, m))
         course = None if follow is None else _PlanByPlace(starts, rows, actions, follow)
         actions = np.ascontiguousarray(actions.transpose(1, 0, 2))
         passed, used = np.zeros(m, dtype=np.bool_), 0
         for step in range(horizon):
-            tip[step] = arrays.result(a1.TIP_S)
+            tip[step] = sim.travelled
             if course is not None:
                 actions[step] = course.next(step, tip[step])
-            self.act(arrays, actions[step].astype(np.float64))
-            trace[step], magnet[step] = arrays.trace[:, :m], arrays.q[:, :m]
+            self.act(sim, actions[step].astype(np.float64))
+            trace[step], magnet[step] = -sim.trace[:, :m], sim.magnet.T
             used = step + 1
-            if starts.task.kind == "steer":  # nothing after the goal counts
+            if starts.task.kind.passes:  # nothing after the goal counts
                 passed |= (trace[step, 1:] >= goal).any(axis=0)
                 if passed.all():
                     break

@@ -15,7 +15,7 @@ from ..physics.checks import one_of, positive, whole
 from ..quasistatic import certificate
 from ..scenario import Scenario
 from ..simulation import Places, Simulator
-from ..simulation.model import model_class
+from ..simulation.model import supports
 from . import kernels
 from .action import Actuation
 from .episodes import Episodes
@@ -122,11 +122,24 @@ class SteeringCore:
             sim.assign(lanes, entries)
         if self._varies:
             self._vary(lanes, entries, rngs)
-        sim.set_goal(lanes, goal)
-        sim.lay(lanes, start, magnet)
-        self.episodes.begin(lanes, drawn[:, : kind.draws])
-        self.action[lanes] = 0.0
+        reference = None
+        if kind.follows:
+            times = sim.control_period * np.arange(self.episodes.reference.shape[1])
+            reference = kind.reference(self.task, sim.library, entries, drawn[:, : kind.draws], times)
+        self.begin_at(lanes, start, goal, magnet, reference)
         self._readings.begin(lanes, rngs)
+
+    def begin_at(
+        self, lanes: np.ndarray, start: Places, goal: Places, magnet: np.ndarray, reference: np.ndarray | None = None
+    ) -> None:
+        """Start episodes in `lanes` (n,) with the tips at `start`, the rig at `magnet` (n, dof), as they are given.
+
+        reference : (n, steps) m, of a tracking task
+        """
+        self.sim.set_goal(lanes, goal)
+        self.sim.lay(lanes, start, magnet)
+        self.episodes.begin(lanes, reference)
+        self.action[lanes] = 0.0
 
     def _vary(self, lanes: np.ndarray, entries: np.ndarray, rngs: Sequence[np.random.Generator]) -> None:
         """Draw this episode's friction, stiffness, remanence and placement about the scenario's own."""
@@ -307,7 +320,7 @@ def _warn_uncertified(task: Task, scenario: Scenario) -> None:
 
     Only the locked wire has a theory that can say so; scenarios of other wire models are not judged.
     """
-    if "quasistatic" not in model_class(scenario.model).supports:
+    if not supports(scenario, "quasistatic"):
         return
     for direction in task.kind.directions:
         found = certificate(scenario, direction=direction, time_limit=task.time_limit)

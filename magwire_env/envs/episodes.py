@@ -33,8 +33,8 @@ class Episodes:
         """(n,) control steps so far."""
         return self.lanes[EPISODE.steps, : self._sim.num_envs].astype(np.int64)
 
-    def begin(self, lanes: np.ndarray, drawn: np.ndarray) -> None:
-        """New episodes in `lanes`, just laid out; `drawn` (n, draws) is what their beginnings were made from."""
+    def begin(self, lanes: np.ndarray, reference: np.ndarray | None) -> None:
+        """New episodes in `lanes` (n,), just laid out; `reference` (n, steps) m is a tracking task's moving goal."""
         sim, task = self._sim, self.task
         entries = sim.lane_scenario[lanes]
         remaining = sim.remaining[lanes]
@@ -45,9 +45,8 @@ class Episodes:
         own[EPISODE.route_length] = sim.model.route_length(lanes)
         self.lanes[:, lanes] = own
         self.turned[lanes] = 0.0
-        if task.kind.follows:
-            times = sim.control_period * np.arange(self.reference.shape[1])
-            self.reference[lanes] = task.kind.reference(task, sim.library, entries, drawn, times)
+        if reference is not None:
+            self.reference[lanes] = reference
 
     def move_goals(self) -> None:
         """Before a control period: the goals go to where the references are at its end."""

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .library import Library
     from .rig_arrays import RigLanes
 
-__all__ = ["FEATURES", "Places", "WireModel", "model_class", "model_names", "register_model", "require"]
+__all__ = ["FEATURES", "Places", "WireModel", "model_class", "model_names", "register_model", "require", "supports"]
 
 FEATURES = {
     "quasistatic": "a quasi-static theory along one centreline: certificates, force maps, best commands, the par",
@@ -150,9 +150,14 @@ def model_class(name: str) -> Any:
     return found
 
 
+def supports(scenario: Scenario, feature: str) -> bool:
+    """Whether the scenario's wire model has `feature`, of `FEATURES`."""
+    return feature in model_class(scenario.model).supports
+
+
 def require(scenario: Scenario, feature: str, what: str) -> None:
     """Raise `ValueError` if the scenario's wire model does not support `feature`; `what` says who needs it."""
-    if feature not in model_class(scenario.model).supports:
+    if not supports(scenario, feature):
         raise ValueError(
             f"{what} needs {FEATURES[feature]}; Scenario.model must be one that has it, got {scenario.model!r}"
         )

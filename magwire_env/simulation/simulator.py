@@ -284,7 +284,7 @@ class Simulator:
         for _ in range(horizon):  # summed as `step` sums it, so that the end equals stepping there
             time = time + self.control_period
         end = dataclasses.replace(scratch.state(), time=time, lanes=origin)
-        return Trajectories(*arrays, tip_position=position, end=end)
+        return Trajectories(*arrays, position, end)  # type: ignore[call-arg]
 
     def _scratch_for(self, n: int, entries: np.ndarray) -> Simulator:
         """A simulator for a rollout of n wires, kept between calls of the same size."""
