@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 
 from ..simulation import Simulator
+from . import renderer
 from .core import SteeringCore
 from .kernels import VALUE
 from .task import Task
@@ -100,9 +101,7 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
         self._frames: Frames | None = None
         self._window: Window | None = None
         if render_mode is not None:
-            from ..render.frames import Frames
-
-            self._frames = Frames(self.core)
+            self._frames = renderer.frames(self.core)
 
     @property
     def simulator(self) -> Simulator:
@@ -156,9 +155,6 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
     def _show(self) -> None:
         if self.render_mode != "human" or self._frames is None:
             return
-        from ..render.frames import Window
-        from ..render.snapshot import snapshots
-
         if self._window is None:
-            self._window = Window(self._frames.size)
-        self._window.show(self._frames.surface(0, snapshots(self.core)[0]), self.metadata["render_fps"])
+            self._window = renderer.window(self._frames.size)
+        self._window.show(self._frames.surface(0, renderer.present(self.core)[0]), self.metadata["render_fps"])
