@@ -133,8 +133,8 @@ class Cell:
 
     @property
     def stem(self) -> str:
-        words = [self.arena.replace(" ", "_"), self.policy] + ([] if self.seed is None else [f"seed{self.seed}"])
-        return "-".join(words)
+        words = [self.arena.replace(" ", "_"), self.policy.replace(":", ".")]
+        return "-".join(words if self.seed is None else [*words, f"seed{self.seed}"])
 
     def file(self, out: Path) -> Path:
         """The record."""

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 from PIL import Image
 
-from agents.cli.main import main as magwire
 from agents.controllers import MaxForce, NetForce
 from agents.evaluation.evaluator import evaluate, make_batch
 from agents.evaluation.robustness import DISTURBANCES, Disturbance, heat_map, sweep, sweep_scores
@@ -121,13 +118,3 @@ def test_the_heat_map_and_its_numbers(tmp_path):
     with Image.open(path) as picture:
         assert picture.text["Source"] == "abc"
         assert picture.width > 900
-
-
-def test_the_command(tmp_path, capsys):
-    magwire(["robustness", "MaxForce", "--episodes", "2", "--no-par", "--out", str(tmp_path)])
-    assert {p.name for p in tmp_path.iterdir()} == {"MaxForce.png", "MaxForce.json"}
-    assert "MaxForce.png" in capsys.readouterr().out
-    data = json.loads((tmp_path / "MaxForce.json").read_text())
-    assert len(data["rows"]) == len(DISTURBANCES)
-    with pytest.raises(SystemExit, match="episodes must be a whole number of at least 1"):
-        magwire(["robustness", "MaxForce", "--episodes", "0"])
