@@ -43,7 +43,7 @@ def collect(plan: Plan, out: Path) -> dict[str, Any]:
         arenas.append(entry)
     return _rounded(
         {
-            "made": _made(),
+            "made": _provenance(),
             "work": _work(records),
             "arenas": arenas,
             "overall": _overall(plan, scores),
@@ -58,7 +58,7 @@ def collect(plan: Plan, out: Path) -> dict[str, Any]:
 Records = dict[Cell, dict[str, Any] | None]
 
 
-def _made() -> dict[str, Any]:
+def _provenance() -> dict[str, Any]:
     return {
         "date": datetime.date.today().isoformat(),
         "cpu": _cpu(),
@@ -217,13 +217,13 @@ def _learning(plan: Plan, records: Records) -> list[dict[str, Any]]:
             }  # fmt: skip
             columns = ("success", "success_rate"), ("time_s", "median_time_s"), ("reward", "mean_reward")
             for name, column in columns:
-                lines = np.array([_on(steps, curve, column) for curve in curves])
+                lines = np.array([_interpolated(steps, curve, column) for curve in curves])
                 entry[name] = _mean_and_range(lines)
             found.append(entry)
     return found
 
 
-def _on(steps: np.ndarray, curve: Sequence[dict[str, str]], column: str) -> np.ndarray:
+def _interpolated(steps: np.ndarray, curve: Sequence[dict[str, str]], column: str) -> np.ndarray:
     """A curve's column at `steps`; NaN where it has no number yet."""
     own = np.array([float(row["timesteps"]) for row in curve])
     return np.interp(steps, own, [float(row[column] or "nan") for row in curve])

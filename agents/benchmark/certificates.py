@@ -1,4 +1,4 @@
-"""An experiment on certificates: do certified wires reach their goals, and do refused ones stop where it says?
+"""An experiment on certificates: do certified wires reach their goals, and do refused ones stop where they should?
 
 ``python -m agents.benchmark.certificates`` prints it at full size: 500 certified and 200 refused scenarios of the test
 split.

@@ -83,7 +83,7 @@ def plain_name(task: str) -> str:
     return task.rpartition("/")[2].rpartition("-v")[0]
 
 
-def _own(task: Task) -> Arena:
+def _arena_of(task: Task) -> Arena:
     """The arena of a registered task."""
     name = plain_name(task.id)
     if task.pool is None:
@@ -92,7 +92,7 @@ def _own(task: Task) -> Arena:
 
 
 ARENAS: tuple[Arena, ...] = (
-    *map(_own, TASKS.values()),
+    *map(_arena_of, TASKS.values()),
     Arena("SteerAny ood", "MagWire/SteerAny-v0", split="ood", models="SteerAny", episodes=100),
     Arena("Chase ood", "MagWire/Chase-v0", split="ood", models="Chase"),
     Arena("Hard", "MagWire/Steer-v0", scenario=HARD),
@@ -223,7 +223,7 @@ class Plan:
             for name in self.robustness.get(arena.name, ()):
                 if name in CONTROLLERS or name in self.trained(arena):
                     cells.append(Cell("robustness", arena.name, name, None if name in CONTROLLERS else 0))
-        for arena in map(_own, TASKS.values()):
+        for arena in map(_arena_of, TASKS.values()):
             if any(a.name == arena.name for a in self.arenas):
                 cells += [
                     Cell("decide", arena.name, name) for name in self.controllers(arena) if self.plans_online(name)

@@ -70,11 +70,11 @@ def readme_table(data: dict[str, Any]) -> str:
     for name in names:
         own = [next((p for p in arena["policies"] if p["policy"] == name), None) for arena in arenas]
         kind = next(entry["kind"] for entry in own if entry is not None)
-        rows.append([_label(name, kind), *(_short(entry) for entry in own)])
+        rows.append([_label(name, kind), *(_success_and_score(entry) for entry in own)])
     return _table(["policy", *(arena["name"] for arena in arenas)], rows)
 
 
-def _short(entry: dict[str, Any] | None) -> str:
+def _success_and_score(entry: dict[str, Any] | None) -> str:
     if entry is None or entry["state"] == "not applicable":
         return _NONE
     if entry["state"] == "missing":
@@ -86,7 +86,7 @@ def _short(entry: dict[str, Any] | None) -> str:
 def markdown(data: dict[str, Any]) -> str:
     """The whole page."""
     parts = [_head(data), _overall(data), *(_arena(arena) for arena in data["arenas"])]
-    parts += [_learning(data), _decisions(data), _robustness(data), _made(data)]
+    parts += [_learning(data), _decisions(data), _robustness(data), _provenance(data)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -199,7 +199,8 @@ def _learning(data: dict[str, Any]) -> str:
         rows.append(
             [entry["arena"], entry["algorithm"], str(entry["seeds"]), f"{entry['steps'][-1] / 1e6:.2f}",
              f"{sum(seconds) / len(seconds):.0f}" if seconds else _NONE,
-             _span(entry["success"], lambda x: f"{100 * x:.0f}"), _span(entry["time_s"], lambda x: f"{x:.2f}")]
+             _mean_and_range(entry["success"], lambda x: f"{100 * x:.0f}"),
+             _mean_and_range(entry["time_s"], lambda x: f"{x:.2f}")]
         )  # fmt: skip
     head = ["arena", "algorithm", "seeds", "steps [millions]", "training [s]", "success at the end [%]"]
     table = _table([*head, "median time at the end [s]"], rows)
@@ -210,7 +211,7 @@ def _learning(data: dict[str, Any]) -> str:
     )
 
 
-def _span(of: dict[str, list[float | None]], form: Any) -> str:
+def _mean_and_range(of: dict[str, list[float | None]], form: Any) -> str:
     mean, low, high = of["mean"][-1], of["low"][-1], of["high"][-1]
     return _NONE if mean is None else f"{form(mean)} ({form(low)}–{form(high)})"
 
@@ -253,7 +254,7 @@ def _of_sweep(row: dict[str, Any]) -> str:
     return f"{_percent(row['success'])} · " + (_NONE if row["score"] is None else f"{row['score']:.2f}")
 
 
-def _made(data: dict[str, Any]) -> str:
+def _provenance(data: dict[str, Any]) -> str:
     made = data["made"]
     versions = ", ".join(f"{name} {number}" for name, number in made["versions"].items())
     rows = [
