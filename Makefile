@@ -20,6 +20,7 @@ lint: $(VENV)/test.stamp
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
 	$(PY) -m mypy
+	$(VENV)/bin/lint-imports --no-cache
 
 bench: $(VENV)/test.stamp
 	$(PY) -m tests.speed.bench $(ARGS)

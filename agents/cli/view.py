@@ -1,34 +1,34 @@
-"""The subcommands to look with: play, view, video, plot."""
+"""The subcommands that show something: play, view, video, plot."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import gymnasium as gym
 import tyro
 
 import magwire_env
-from agents.evaluation.evaluator import EVALUATION_SEED
+from agents.evaluation.episodes import EVALUATION_SEED
 from magwire_env.render.extra import need
 
-__all__ = ["COMMANDS", "LOOKS", "Play", "Plot", "Video", "View", "look"]
+__all__ = ["RUN", "Play", "Plot", "Video", "View"]
 
 
 @dataclass
 class Play:
-    """Steer by hand in a window: mouse or keyboard, with a score and the paper's policy to beat."""
+    """Steer by hand in a window, by mouse or keyboard, with a score and the paper's policy to beat."""
 
     task: str = "MagWire/Steer-v0"
     """Environment id."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = 0
-    """Of the first episode; the next ones count on."""
+    """Seed of the first episode; the next episodes have the next numbers."""
     against: str = "MaxForce"
-    """Whose time is to be beaten: a run's or policy's folder, or a controller's name."""
+    """Whose time is to be beaten: a run's or policy's folder, a controller's name, or module:Class."""
     trust: bool = False
     """Also open a model.zip or pickle, which runs any program that stands in it."""
 
@@ -44,11 +44,11 @@ class View:
     scenario: str | None = None
     """A TOML file or a shipped name to begin with."""
     host: str = "127.0.0.1"
-    """Address to serve on; by default only this machine can look. 0.0.0.0 lets everybody in the network."""
+    """Address to serve on; by default only this machine has access. 0.0.0.0 gives everybody in the network access."""
     port: int = 8080
     """Port to serve on, or the next free one."""
     seed: int = 0
-    """Of the first episode; the next ones count on."""
+    """Seed of the first episode; the next episodes have the next numbers."""
     trust: bool = False
     """Also open a model.zip or pickle, which runs any program that stands in it."""
 
@@ -58,15 +58,15 @@ class Video:
     """Write a video of one evaluation episode."""
 
     policy: tyro.conf.Positional[str]
-    """A run's or policy's folder, or a controller's name."""
+    """A run's or policy's folder, a controller's name, or module:Class."""
     task: str | None = None
     """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = EVALUATION_SEED
-    """Of the episode."""
+    """Seed of the episode."""
     speed: float = 1.0
-    """Of the video, times real time."""
+    """Speed of the video, times real time."""
     out: Path | None = None
     """.mp4 or .gif; by default episode.mp4 in the run's folder, or here."""
     trust: bool = False
@@ -78,43 +78,34 @@ class Plot:
     """Plot a run: its learning curve, its way over the force map, arc length over time beside MaxForce."""
 
     policy: tyro.conf.Positional[str]
-    """A run's or policy's folder, or a controller's name."""
+    """A run's or policy's folder, a controller's name, or module:Class."""
     task: str | None = None
     """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = EVALUATION_SEED
-    """Of the episode."""
+    """Seed of the episode."""
     out: Path | None = None
     """Folder to write to; by default the run's, or here."""
     trust: bool = False
     """Also open a model.zip or pickle, which runs any program that stands in it."""
 
 
-LOOKS = (Play, View, Video, Plot)
-COMMANDS = tuple(Annotated[kind, tyro.conf.subcommand(kind.__name__.lower())] for kind in LOOKS)
-
-
-def look(options: Any) -> None:
-    """Run one of `COMMANDS`."""
-    _RUN[type(options)](options)
-
-
 def _play(options: Play) -> None:
     need("pygame", "playing")
-    from agents.cli.pictures import chosen, trace
+    from agents.catalogue import resolve
+    from agents.cli.pictures import trace
     from magwire_env.render.play import Game, play
 
     settings: dict[str, Any] = {} if options.scenario is None else {"scenario": options.scenario}
-    env = gym.make(options.task, **settings)
-    policy, name, _, own = chosen(options.against, options.task, options.scenario, options.trust)
+    rival = resolve(options.against, options.task, options.scenario, trust=options.trust)
 
-    def time_of(seed: int) -> float | None:
-        """s from the start of the episode seeded so to its goal, None if the policy does not get there."""
-        one = trace(policy, name, options.task, seed, **own | settings)
+    def time_to_beat(seed: int) -> float | None:
+        """The rival's time to the goal in the episode of this seed, s; None if it does not get there."""
+        one = trace(rival.policy, rival.name, options.task, seed, **rival.settings)
         return one.seconds if one.success else None
 
-    play(Game(env, options.seed, time_of, name))
+    play(Game(gym.make(options.task, **settings), options.seed, time_to_beat, rival.name))
 
 
 def _view(options: View) -> None:
@@ -132,7 +123,7 @@ def _view(options: View) -> None:
 
 
 def _scenarios(first: str | None) -> dict[str, Any]:
-    """The scenario asked for, the task's own, and the shipped ones."""
+    """The given scenario, the task's own, and the shipped ones."""
     from magwire_env import Scenario
 
     found: dict[str, Any] = {} if first is None else {first: Scenario.load(first)}
@@ -142,15 +133,14 @@ def _scenarios(first: str | None) -> dict[str, Any]:
 
 
 def _policies(folders: tuple[Path, ...], trust: bool) -> dict[str, Callable[[gym.Env], Any]]:
-    """Controllers, and the trained policies of `folders`, read before the page is there."""
-    from agents.controllers import CONTROLLERS
+    """Controllers, and the trained policies of `folders`, which are read before the page is there."""
+    from agents.catalogue import CONTROLLERS, resolve
 
     found: dict[str, Callable[[gym.Env], Any]] = {name: kind.from_env for name, kind in CONTROLLERS.items()}
-    if folders:
-        need("safetensors", "a trained policy", "policy")
-        from agents.learning import load
-
-        found |= {str(folder): _fitting(load(folder, trust)) for folder in dict.fromkeys(folders)}
+    for folder in folders:
+        if not folder.is_dir():
+            raise FileNotFoundError(f"policies must be folders of runs or policies, got {str(folder)!r}")
+        found[str(folder)] = _fitting(resolve(str(folder), trust=trust).policy)
     return found
 
 
@@ -158,32 +148,33 @@ def _fitting(policy: Any) -> Callable[[gym.Env], Any]:
     """What gives a trained policy to an env, or says that it was trained on other observations."""
 
     def give(env: gym.Env) -> Any:
-        channels = env.unwrapped.core.observer.names  # type: ignore[attr-defined]
-        if (policy.size,) != env.observation_space.shape or policy.about.channels != tuple(channels):
-            raise ValueError(
-                f"it was trained to see {', '.join(policy.about.channels)}; this task shows {', '.join(channels)}"
-            )
+        channels = tuple(env.unwrapped.core.observer.names)  # type: ignore[attr-defined]
+        trained = policy.about.channels
+        if (policy.size,) != env.observation_space.shape or trained != channels:
+            raise ValueError(f"it was trained to see {', '.join(trained)}; this task shows {', '.join(channels)}")
         return policy
 
     return give
 
 
 def _video(options: Video) -> None:
-    from agents.cli.pictures import chosen, film
+    from agents.catalogue import resolve
+    from agents.cli.pictures import film
 
-    policy, _, task, settings = chosen(options.policy, options.task, options.scenario, options.trust)
+    own = resolve(options.policy, options.task, options.scenario, trust=options.trust)
     path = options.out or _folder(options.policy) / "episode.mp4"
-    film(policy, path, task, options.seed, options.speed, **settings)
+    film(own.policy, path, own.task, options.seed, options.speed, **own.settings)
     print(path)
 
 
 def _plot(options: Plot) -> None:
     need("matplotlib", "plotting", "train")
-    from agents.cli.pictures import chosen, plots
+    from agents.catalogue import resolve
+    from agents.cli.pictures import plots
 
-    policy, name, task, settings = chosen(options.policy, options.task, options.scenario, options.trust)
+    own = resolve(options.policy, options.task, options.scenario, trust=options.trust)
     folder = options.out or _folder(options.policy)
-    written = plots(policy, name, folder, task, options.seed, **settings)
+    written = plots(own.policy, own.name, folder, own.task, options.seed, **own.settings)
     if (Path(options.policy) / "config.json").exists():
         from agents.learning.training import Run, learning_curve
 
@@ -196,4 +187,4 @@ def _folder(policy: str) -> Path:
     return Path(policy) if Path(policy).is_dir() else Path()
 
 
-_RUN: dict[type, Callable[[Any], None]] = {Play: _play, View: _view, Video: _video, Plot: _plot}
+RUN: dict[type, Callable[[Any], None]] = {Play: _play, View: _view, Video: _video, Plot: _plot}

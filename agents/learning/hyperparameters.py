@@ -8,10 +8,11 @@ from typing import Any
 import yaml
 
 from magwire_env.envs.task import TASKS
+from magwire_env.physics.checks import one_of
 
-__all__ = ["ALGORITHM_NAMES", "hyperparameters"]
+from .config import ALGORITHMS
 
-ALGORITHM_NAMES = ("ppo", "sac", "tqc", "crossq", "stacked_ppo")
+__all__ = ["hyperparameters"]
 
 _YAML = Path(__file__).parents[1] / "hyperparameters"
 
@@ -19,17 +20,16 @@ _YAML = Path(__file__).parents[1] / "hyperparameters"
 def hyperparameters(algorithm: str, task: str) -> dict[str, Any]:
     """The task's entry of ``agents/hyperparameters/<algorithm>.yml``, on top of its ``default``.
 
-    The env's settings stand in ``tasks.yml`` for all algorithms, and in the algorithm's own where it departs;
-    ``training_env`` holds those of training alone, that no evaluation sees.
+    The env's settings are in ``tasks.yml`` for all algorithms, and in the algorithm's own file where they differ.
+    ``training_env`` has settings for the training only; no evaluation uses them.
     """
-    if algorithm not in ALGORITHM_NAMES:
-        raise ValueError(f"algorithm must be one of {', '.join(map(repr, ALGORITHM_NAMES))}, got {algorithm!r}")
+    one_of("algorithm", algorithm, tuple(ALGORITHMS))
     # Keys with a leading dot are blocks that tasks share.
     entries, tasks = _entries(algorithm), _entries("tasks")
     found = {**entries["default"], **(entries.get(task) or {})}
     env = {**(tasks.get(task) or {}), **found.get("env", {})}
     if "pool_size" in env and (task not in TASKS or TASKS[task].pool is None):
-        del env["pool_size"]  # one default serves tasks with a pool and without
+        del env["pool_size"]  # the default also holds for tasks without a pool
     return {**found, "env": env}
 
 

@@ -14,7 +14,8 @@ from magwire_env.quasistatic.pool import scenario_pool
 from magwire_env.scenario import Scenario
 
 from ..notes import note
-from .hyperparameters import ALGORITHM_NAMES, hyperparameters
+from .config import ALGORITHMS, Config
+from .hyperparameters import hyperparameters
 from .run_folder import made_whole, write_whole
 from .scenario_copy import digest, settings_with, text_for
 from .stored import read_json
@@ -46,7 +47,7 @@ class Run:
     trust: bool = False
 
     @classmethod
-    def open(cls, config: Any, changes: dict[str, Any] | None = None) -> Run:
+    def open(cls, config: Config, changes: dict[str, Any] | None = None) -> Run:
         """Make the folder of a new run, or find that of one to resume.
 
         changes : to the YAML's hyperparameters; a dotted name reaches into a block
@@ -93,7 +94,7 @@ class Run:
         """
         stored = read_json(folder / "config.json")
         config, settings = stored.part("config"), stored.part("hyperparameters")
-        config.task(), config.one_of("algorithm", ALGORITHM_NAMES), config.get("seed", int)
+        config.task(), config.one_of("algorithm", ALGORITHMS), config.get("seed", int)
         for name in ("threads", "evaluations", "episodes"):
             config.whole(name, 1)
         asked = config.get("scenario", str, type(None))
@@ -204,7 +205,7 @@ def _changed(settings: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any
     return settings
 
 
-def _free_folder(config: Any) -> Path:
+def _free_folder(config: Config) -> Path:
     base = Path("runs") / f"{config.task.split('/')[-1]}-{config.algorithm}-seed{config.seed}"
     folder, number = base, 2
     while folder.exists():

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import importlib
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from sb3_contrib import TQC, CrossQ
-from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecNormalize
 
@@ -19,19 +18,18 @@ from magwire_env.envs.task import RewardWeights
 from magwire_env.envs.vector_env import MagWireVectorEnv
 from magwire_env.physics.checks import one_of
 
-__all__ = ["ALGORITHMS", "NativeVecEnv", "make_model", "make_vec_env"]
+from .config import ALGORITHMS
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC, "tqc": TQC, "crossq": CrossQ, "stacked_ppo": PPO}
-"""``stacked_ppo`` is PPO that remembers: it sees the last few observations, of forces and magnet alone."""
+__all__ = ["NativeVecEnv", "algorithm_class", "make_model", "make_vec_env"]
 
 _ACTIVATIONS = ("Tanh", "ReLU", "ELU", "LeakyReLU", "SiLU", "Sigmoid")
-"""What ``activation_fn`` may name of `torch.nn`."""
+"""Names of `torch.nn` that ``activation_fn`` may be."""
 
 
 class NativeVecEnv(VecEnv):
-    """SB3's face of the native batch: resets within the step, terminal observations dense.
+    """The native batch as SB3 wants it: resets within the step, and a dict for every lane.
 
-    SB3 wants a dict a lane; lanes whose episode goes on share one empty dict, since nothing reads them.
+    Lanes whose episode goes on share one empty dict, since nothing reads it.
     """
 
     def __init__(self, env: MagWireVectorEnv, seed: int | None = None) -> None:
@@ -51,7 +49,7 @@ class NativeVecEnv(VecEnv):
         return observation
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Seeds the next reset: lane i with seed + i."""
+        """Seed the next reset: lane i gets seed + i."""
         self._seed = seed
         return [None if seed is None else seed + i for i in range(self.num_envs)]
 
@@ -99,9 +97,10 @@ class NativeVecEnv(VecEnv):
 def make_vec_env(
     task: str, n_envs: int, seed: int | None = None, frame_stack: int = 1, **settings: Any
 ) -> NativeVecEnv | VecFrameStack:
-    """The native batch of `task` for SB3; with `frame_stack` an observation is that many, the newest last.
+    """The native batch of `task` for SB3.
 
-    ``reward`` may be a dict of `RewardWeights`, as a YAML has it.
+    frame_stack : an observation is so many frames one after the other, the newest last
+    settings : of the env; ``reward`` may be a dict of `RewardWeights`, as in a YAML
     """
     if isinstance(settings.get("reward"), dict):
         settings["reward"] = RewardWeights(**settings["reward"])
@@ -115,7 +114,10 @@ def make_vec_env(
 def make_model(
     algorithm: str, venv: VecEnv, seed: int, settings: dict[str, Any], tensorboard: Path | None = None
 ) -> BaseAlgorithm:
-    """An untrained SB3 model on `venv` under running normalisation; `settings` as in the YAML, without the batch's."""
+    """An untrained SB3 model on `venv` under running normalisation.
+
+    settings : as in the YAML, without those of the batch
+    """
     settings = dict(settings)
     normalize = settings.pop("normalize", {})
     if "learning_rate" in settings and isinstance(settings["learning_rate"], str):
@@ -127,7 +129,7 @@ def make_model(
         name = one_of("policy_kwargs.activation_fn", policy_kwargs["activation_fn"], _ACTIVATIONS)
         policy_kwargs["activation_fn"] = getattr(torch.nn, name)
     normalized = VecNormalize(venv, gamma=settings.get("gamma", 0.99), **normalize)
-    return ALGORITHMS[algorithm](
+    return algorithm_class(algorithm)(
         "MlpPolicy",
         normalized,
         seed=seed,
@@ -138,8 +140,14 @@ def make_model(
     )
 
 
-def _schedule(text: str) -> Any:
-    """rl-zoo's ``lin_3e-4``: falling linearly to 0 over the training."""
+def algorithm_class(algorithm: str) -> type[BaseAlgorithm]:
+    """The class of Stable-Baselines3 or its contributions that an algorithm has."""
+    package, name = ALGORITHMS[algorithm]
+    return getattr(importlib.import_module(package), name)
+
+
+def _schedule(text: str) -> Callable[[float], float]:
+    """The schedule of rl-zoo's ``lin_3e-4``, which falls linearly to 0 over the training."""
     kind, _, value = text.partition("_")
     if kind != "lin":
         raise ValueError(f"learning_rate must be a number or 'lin_<number>', got {text!r}")

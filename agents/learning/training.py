@@ -20,7 +20,8 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.type_aliases import RolloutReturn
 from stable_baselines3.common.vec_env import VecEnv
 
-from ..evaluation.evaluator import EVALUATION_SEED, evaluate
+from ..evaluation.episodes import EVALUATION_SEED
+from ..evaluation.evaluator import evaluate
 from ..notes import note
 from .export import about_model, plain, save_all
 from .plain_policy import PlainPolicy
@@ -220,28 +221,27 @@ def curve_of(folder: Path) -> Path | None:
 
 
 def learning_curve(run: Run, folder: Path | None = None) -> None:
-    """learning_curve.csv and .png: success rate and median time to goal on held-out episodes, over env steps."""
-    path, folder = curve_of(run.folder), folder or run.folder
+    """Draw learning_curve.png: success rate and median time to goal on held-out episodes, over environment steps.
+
+    folder : to write to; by default the run's, where the numbers are put beside it as they are in the newest checkpoint
+    """
+    path = curve_of(run.folder)
     rows = [] if path is None else read_curve(path)
     if not rows or path is None:
         return
-    write_whole(folder / CURVE, path.read_text(encoding="utf-8"))
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    if folder is None:
+        write_whole(run.folder / CURVE, path.read_text(encoding="utf-8"))
+    from magwire_env.plotting import BLUE, RED, blank, styled
 
     steps = np.array([r["timesteps"] for r in rows]) / 1e6
-    figure, (top, bottom) = plt.subplots(2, 1, sharex=True, figsize=(7, 5), layout="constrained")
-    top.plot(steps, [100 * r["success_rate"] for r in rows], "o-", color="#0072B2")
-    title = f"{run.task}, {run.algorithm.upper()}, seed {run.config['seed']}"
-    top.set(ylabel="success [%]", ylim=(-5, 105), title=title)
-    bottom.plot(steps, [r["median_time_s"] for r in rows], "o-", color="#D55E00")
-    bottom.set(ylabel="median time to goal [s]", xlabel="environment steps [millions]")
-    for axes in (top, bottom):
-        axes.grid(alpha=0.3)
-    figure.savefig(folder / "learning_curve.png", dpi=120)
-    plt.close(figure)
+    with styled():
+        figure, (top, bottom) = blank(2, 1, size=(7, 5), sharex=True)
+        top.plot(steps, [100 * r["success_rate"] for r in rows], "o-", color=BLUE)
+        title = f"{run.task}, {run.algorithm.upper()}, seed {run.config['seed']}"
+        top.set(ylabel="success [%]", ylim=(-5, 105), title=title)
+        bottom.plot(steps, [r["median_time_s"] for r in rows], "o-", color=RED)
+        bottom.set(ylabel="median time to goal [s]", xlabel="environment steps [millions]")
+        figure.savefig((folder or run.folder) / "learning_curve.png")
 
 
 def read_curve(path: Path) -> list[dict[str, float]]:

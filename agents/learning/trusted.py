@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from .export import about_model, plain
 from .plain_policy import PlainPolicy
-from .sb3 import ALGORITHMS, make_vec_env
+from .sb3 import algorithm_class, make_vec_env
 from .scenario_copy import text_for
 
 __all__ = ["ZIP", "opened", "parts"]
@@ -51,7 +51,7 @@ def parts(folder: Path, venv: VecEnv | None = None) -> tuple[BaseAlgorithm, dict
             raise FileNotFoundError(f"{folder} holds no {name}: no model of an earlier version")
     try:
         meta = json.loads((folder / "model.json").read_text(encoding="utf-8"))
-        algorithm, task = ALGORITHMS[meta["algorithm"]], meta["task"]
+        algorithm, task = algorithm_class(meta["algorithm"]), meta["task"]
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{folder / 'model.json'} is damaged or of another program: {error}") from error
     env = meta.get("env", {})

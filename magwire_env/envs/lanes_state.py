@@ -6,11 +6,12 @@ from the lane's generator as it was when the episode began. What has moved since
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..simulation.simulator import SimulatorState
+from ..simulation import Places
 
 if TYPE_CHECKING:
     from .vector_env import MagWireVectorEnv
@@ -24,17 +25,19 @@ def lanes_state(env: MagWireVectorEnv) -> dict[str, Any]:
     Episodes that were begun with options are not served, since their draws do not follow from the generators.
     """
     core = env.core
-    wires = core.sim.state()
+    wires, goals = core.sim.state(), core.sim.goals()
     return {
         "generators": [_state_of(rng) for rng in env.generators],
         "began": list(env.began),
         "ended": env._ended.copy(),
         "started": env._started,
-        "arclengths": wires.arclengths, "velocities": wires.velocities, "magnet": wires.magnet, "time": wires.time,
-        "lanes": core._lanes[:, : env.num_envs].copy(),
-        "turning": None if core.turning is None else core.turning.copy(),
+        "wires": {"wire": wires.wire, "magnet": wires.magnet, "time": wires.time},
+        "goals": {"s": goals.s, "branch": goals.branch},
+        "episodes": core.episodes.lanes[:, : env.num_envs].copy(),
+        "turned": core.episodes.turned.copy(),
+        "action": core.action.copy(),
         "readings": core._readings.history(),
-    }  # fmt: skip
+    }
 
 
 def load_lanes(env: MagWireVectorEnv, state: dict[str, Any]) -> None:
@@ -47,13 +50,13 @@ def load_lanes(env: MagWireVectorEnv, state: dict[str, Any]) -> None:
         raise ValueError(f"state must be of {n} lanes, got {len(state['generators'])}")
     try:
         rngs = [_generator(before) for before in state["began"]]
-        core.begin(np.arange(n), rngs, None)
-        core.sim.load_state(
-            SimulatorState(state["arclengths"], state["velocities"], state["magnet"], state["time"], np.arange(n))
-        )
-        core._lanes[:, :n] = state["lanes"]
-        if core.turning is not None:
-            core.turning[:] = state["turning"]
+        lanes = np.arange(n)
+        core.begin(lanes, rngs, None)
+        core.sim.set_goal(lanes, Places(**state["goals"]))
+        core.sim.load_state(dataclasses.replace(core.sim.state(), **state["wires"]))
+        core.episodes.lanes[:, :n] = state["episodes"]
+        core.episodes.turned[:] = state["turned"]
+        core.action[:] = state["action"]
         core._readings.load_history(state["readings"])
         env._ended[:] = state["ended"]
         env._started = bool(state["started"])

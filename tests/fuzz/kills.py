@@ -39,11 +39,11 @@ def check(condition: bool, words: str) -> None:
 
 def train_on(folder: Path) -> None:
     """Begin a small training in `folder`, or go on with it."""
-    import train
     from agents.learning import training
+    from agents.learning.config import Config
 
     training.VALIDATION_EPISODES = 4
-    config = train.Config(
+    config = Config(
         run=folder, timesteps=STEPS, n_envs=LANES, evaluations=EVALUATIONS, episodes=1, progress=False,
         resume=(folder / "config.json").exists(),
     )  # fmt: skip

@@ -16,7 +16,7 @@ import pytest
 import viser
 
 import magwire_env
-from agents.controllers import CONTROLLERS
+from agents.catalogue import CONTROLLERS
 from magwire_env import Scenario
 from magwire_env.physics import BlockMagnet, field
 from magwire_env.render import meshes

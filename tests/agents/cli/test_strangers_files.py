@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from stable_baselines3.common.save_util import json_to_data
 
-import train
 from agents.cli.main import main as magwire
 from agents.learning import load
+from agents.learning.config import Config
 from agents.learning.run_folder import Checkpoints
 from agents.learning.sb3 import make_model, make_vec_env
 from agents.learning.training import Run, learn
@@ -50,7 +50,7 @@ def mark(tmp_path, monkeypatch):
 def run(tmp_path_factory):
     """A run of this version."""
     folder = tmp_path_factory.mktemp("runs") / "mine"
-    config = train.Config(run=folder, timesteps=128, n_envs=8, evaluations=1, episodes=1, progress=False)
+    config = Config(run=folder, timesteps=128, n_envs=8, evaluations=1, episodes=1, progress=False)
     assert learn(Run.open(config, TINY))
     return folder
 
@@ -165,7 +165,7 @@ def test_an_earlier_version_is_converted_with_trust(old, tmp_path, capsys):
 
 def test_an_earlier_version_resumes_with_trust_and_says_what_is_lost(old, tmp_path, capsys):
     folder = copied(old[0], tmp_path)
-    assert learn(Run.open(train.Config(run=folder, resume=True, trust=True)))
+    assert learn(Run.open(Config(run=folder, resume=True, trust=True)))
     assert "kept no replay buffer, episodes or random states: these begin anew" in capsys.readouterr().err
     assert load(folder).about.timesteps == 256
 

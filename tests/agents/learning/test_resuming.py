@@ -15,15 +15,16 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
-import train
+from agents.cli.train import train
 from agents.learning import load
 from agents.learning import training as training_module
+from agents.learning.config import Config
 from agents.learning.run_folder import Checkpoints, locked, made_whole, write_whole
 from agents.learning.training import Progress, Run, curve_of, learn, read_curve
 from magwire_env import Scenario
 from magwire_env.scenario import Reading
 
-ROOT = Path(train.__file__).parent
+ROOT = Path(__file__).parents[3]
 TINY = {"n_envs": 8, "evaluations": 2, "episodes": 2, "progress": False}
 SMALL_NET = {"policy_kwargs": {"net_arch": [8, 8]}}
 ON_POLICY = SMALL_NET | {"n_steps": 16, "batch_size": 64, "n_epochs": 2}
@@ -37,12 +38,12 @@ def few_episodes(monkeypatch):
 
 def begun(folder: Path, algorithm: str, timesteps: int = 768, **settings) -> Run:
     changes = ON_POLICY if "ppo" in algorithm else OFF_POLICY
-    config = train.Config(run=folder, algorithm=algorithm, timesteps=timesteps, **TINY | settings)
+    config = Config(run=folder, algorithm=algorithm, timesteps=timesteps, **TINY | settings)
     return Run.open(config, changes)
 
 
 def resumed(folder: Path) -> Run:
-    return Run.open(train.Config(run=folder, resume=True))
+    return Run.open(Config(run=folder, resume=True))
 
 
 def stop_after(monkeypatch, steps: int) -> None:
@@ -176,7 +177,7 @@ def test_a_second_writer_is_refused(tmp_path):
     run = begun(tmp_path / "run", "ppo", 256)
     with locked(run.folder), pytest.raises(ValueError, match="is being written by another process, which holds"):
         learn(run)
-    code = "import sys, train; train.main(train.Config(run=sys.argv[1], resume=True))"
+    code = "import sys; from agents.cli.main import main; main(['train', '--run', sys.argv[1], '--resume'])"
     with locked(run.folder):
         done = subprocess.run([sys.executable, "-c", code, run.folder], cwd=ROOT, capture_output=True, text=True)
     assert "is being written by another process" in done.stderr
@@ -309,7 +310,7 @@ def test_a_signal_saves_and_resume_goes_on(kind, tmp_path):
     config = json.loads((folder / "config.json").read_text())
     config["hyperparameters"]["n_timesteps"] = done + 2048
     (folder / "config.json").write_text(json.dumps(config))
-    results = train.main(train.Config(run=folder, resume=True, episodes=4, progress=False))
+    results = train(Config(run=folder, resume=True, episodes=4, progress=False))
     checkpoint = Checkpoints(folder).newest()
     assert json.loads((checkpoint / "checkpoint.json").read_text())["timesteps"] >= done + 2048
     assert results["MaxForce"]["summary"]["episodes"] == 4

@@ -1,4 +1,4 @@
-"""A small run from train.py to a loaded policy, its interruption, and what it refuses."""
+"""A small run: what it leaves behind, its interruption, what it refuses."""
 
 from __future__ import annotations
 
@@ -8,28 +8,18 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
-import yaml
 
-import train
-from agents.cli.main import main as magwire
+from agents.cli.train import train
 from agents.learning import load
-from agents.learning.hyperparameters import hyperparameters
+from agents.learning.config import Config
 from agents.learning.run_folder import Checkpoints
-from agents.learning.sb3 import NativeVecEnv, make_vec_env
+from agents.learning.sb3 import make_vec_env
 from agents.learning.training import Run
-from agents.learning.tuning import SPACES, tune
 from magwire_env.quasistatic.pool import scenario_pool
+from tests.support.training import SMALL
 
 ID = "MagWire/Steer-v0"
-ROOT = Path(train.__file__).parent
-SMALL = {"timesteps": 8192, "n_envs": 32, "evaluations": 2, "episodes": 8, "progress": False}
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("runs") / "small"
-    results = train.main(train.Config(run=folder, **SMALL))
-    return folder, results
+ROOT = Path(__file__).parents[3]
 
 
 def test_a_run_leaves_everything_behind(run):
@@ -51,7 +41,7 @@ def test_a_run_leaves_everything_behind(run):
 def test_same_seed_same_model(tmp_path):
     settings = SMALL | {"timesteps": 2048, "episodes": 1}
     for name in ("a", "b"):
-        train.main(train.Config(run=tmp_path / name, threads=1, **settings))
+        train(Config(run=tmp_path / name, threads=1, **settings))
     observation, _ = gym.make(ID).reset(seed=0)
     first, again = (load(tmp_path / name).predict(observation)[0] for name in ("a", "b"))
     assert np.array_equal(first, again)
@@ -61,24 +51,24 @@ def test_a_run_folder_that_exists_is_left_alone(run):
     folder, _ = run
     before = (folder / "config.json").read_bytes()
     with pytest.raises(FileExistsError, match="exists: choose another --run, or --resume"):
-        train.main(train.Config(run=folder, **SMALL))
+        train(Config(run=folder, **SMALL))
     assert (folder / "config.json").read_bytes() == before
 
 
 def test_resume_needs_a_run(tmp_path):
     with pytest.raises(FileNotFoundError, match="--resume needs --run"):
-        train.main(train.Config(run=tmp_path / "none", resume=True, **SMALL))
+        train(Config(run=tmp_path / "none", resume=True, **SMALL))
 
 
 def test_resume_of_a_finished_run_only_evaluates_again(run):
     folder, results = run
-    assert train.main(train.Config(run=folder, resume=True, **SMALL)) == results
+    assert train(Config(run=folder, resume=True, **SMALL)) == results
 
 
 @pytest.mark.parametrize("algorithm", ["sac", "tqc", "crossq", "stacked_ppo"])
 def test_the_other_algorithms_train_too(tmp_path, algorithm):
     settings = SMALL | {"timesteps": 4096, "n_envs": 128, "evaluations": 1, "episodes": 2}
-    results = train.main(train.Config(run=tmp_path / algorithm, algorithm=algorithm, **settings))
+    results = train(Config(run=tmp_path / algorithm, algorithm=algorithm, **settings))
     assert f"trained {algorithm.upper()}" in results
     policy = load(tmp_path / algorithm)
     env = gym.make(ID, **policy.env_settings)
@@ -87,7 +77,7 @@ def test_the_other_algorithms_train_too(tmp_path, algorithm):
 
 def test_what_is_for_training_alone_reaches_no_evaluation(tmp_path):
     settings = SMALL | {"timesteps": 4096, "n_envs": 128, "evaluations": 1, "episodes": 2}
-    run = Run.open(train.Config(run=tmp_path / "r", algorithm="stacked_ppo", **settings))
+    run = Run.open(Config(run=tmp_path / "r", algorithm="stacked_ppo", **settings))
     assert run.settings["training_env"] == {"time_limit": 4.0, "reward": {"time": 0.5}}
     assert "time_limit" not in run.validation | run.held_out | run.meta["env"]
     core = make_vec_env(ID, 1, **run.settings["training_env"]).env.core
@@ -96,72 +86,8 @@ def test_what_is_for_training_alone_reaches_no_evaluation(tmp_path):
 
 
 def test_generated_tasks_choose_their_model_on_tracts_of_neither_training_nor_test(tmp_path):
-    config = train.Config(run=tmp_path / "r", task="MagWire/SteerAny-v0", **SMALL)
+    config = Config(run=tmp_path / "r", task="MagWire/SteerAny-v0", **SMALL)
     run = Run.open(config, {"env": {"pool_size": 2}})
     chosen_on = set(run.validation["scenario"])
     for split in ("train", "test"):
         assert not chosen_on & set(scenario_pool("SteerAny", split, 2))
-
-
-def test_a_study_is_written_with_its_trials(tmp_path):
-    magwire(["tune", "--trials", "2", "--timesteps", "1024", "--out", str(tmp_path)])
-    study = yaml.safe_load((tmp_path / "ppo-Steer-v0.yml").read_text())
-    assert [set(t) - {"value", "seconds"} for t in study["trials"]] == [set(SPACES["ppo"])] * 2
-    given = hyperparameters("ppo", ID)
-    first = study["trials"][0]
-    assert first["n_steps"] == given["n_steps"]
-    assert first["learning_rate"] == "lin_0.001"
-    assert first["policy_kwargs.log_std_init"] == given["policy_kwargs"]["log_std_init"]
-    assert study["best"]["value"] == max(t["value"] for t in study["trials"])
-    with pytest.raises(ValueError, match="algorithm must be one of 'ppo'"):
-        tune(ID, "dqn", out=tmp_path)
-    with pytest.raises(ValueError, match="trials must be at least 1, got 0"):
-        tune(ID, "ppo", trials=0, out=tmp_path)
-
-
-def test_the_adapter_gives_sb3_what_it_wants():
-    venv = make_vec_env(ID, 4, seed=3, time_limit=0.3)
-    observation = venv.reset()
-    assert np.array_equal(observation[1], gym.make(ID).reset(seed=4)[0])
-    for _ in range(3):
-        observation, _, done, infos = venv.step(np.zeros((4, 1), dtype=np.float32))
-    assert done.all()
-    for i, info in enumerate(infos):
-        assert info["TimeLimit.truncated"]
-        assert info["episode"]["l"] == 3
-        assert not np.array_equal(info["terminal_observation"], observation[i])
-    with pytest.raises(ValueError, match="autoreset_mode must be SAME_STEP"):
-        NativeVecEnv(gym.make_vec(ID, num_envs=2).unwrapped)
-
-
-def test_hyperparameters_of_an_unknown_algorithm():
-    with pytest.raises(ValueError, match=r"algorithm must be one of 'ppo', 'sac', .*got 'dqn'"):
-        hyperparameters("dqn", ID)
-
-
-def test_the_command_evaluates_a_controller_and_a_model(run, tmp_path, capsys):
-    magwire(["evaluate", "MaxForce", "--episodes", "4", "--out", str(tmp_path / "r.json")])
-    assert "| MaxForce | 100.0% |" in capsys.readouterr().out
-    assert json.loads((tmp_path / "r.json").read_text())["MaxForce"]["summary"]["success_rate"] == 1.0
-    magwire(["evaluate", str(run[0]), "--episodes", "4"])
-    assert "| small |" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["evaluate", "NoSuch"], "policy must be a run's or policy's folder or one of MaxForce"),
-        (["evaluate", "MaxForce", "--episodes", "0"], "episodes must be at least 1"),
-        (["evaluate", "MaxForce", "--scenario", "missing"], "no shipped scenario of that name"),
-        (["train", "--task", "MagWire/None-v9"], "exist in namespace MagWire"),
-    ],
-)
-def test_the_command_ends_with_one_line_on_bad_input(arguments, words, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as stopped:
-        magwire(arguments)
-    message = str(stopped.value)
-    assert message.startswith("magwire: ")
-    assert words in message
-    assert "\n" not in message
-    assert not any(tmp_path.iterdir())

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 import magwire_env  # noqa: F401  (registers the ids)
-from agents.controllers import MaxForce, NetForce, Optimal
-from agents.evaluation.evaluator import EVALUATION_SEED, evaluate
+from agents.controllers import MaxForce, NetForce
+from agents.evaluation.episodes import EVALUATION_SEED
+from agents.evaluation.evaluator import evaluate
+from agents.par.optimal import Optimal
 from agents.par.refinement import Refinement
 from magwire_env.quasistatic.pool import scenario_pool
 
