@@ -66,7 +66,7 @@ class Arena:
 
     @property
     def tracking(self) -> bool:
-        return TASKS[self.task].kind == "track"
+        return TASKS[self.task].kind.follows
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from .plan import plain_name
 from .plots import draw, heat_map_name
 
 __all__ = ["MARKS", "insert", "markdown", "readme_table", "text_of", "write"]
 
 MARKS = ("<!-- benchmark:begin -->", "<!-- benchmark:end -->")
 """The README's table is between these two lines."""
+
+README_POLICIES = ("Optimal", "MPPI", "MaxForce", "ppo", "Random")
+"""The README shows these rows, on the registered tasks' own episodes; docs/benchmark.md has every policy and arena."""
 
 _NONE = "–"
 _LABELS = {"par": "par", "controller": "", "floor": "floor", "trained": "trained"}
@@ -62,10 +66,13 @@ def insert(text: str, table: str) -> str:
 
 
 def readme_table(data: dict[str, Any]) -> str:
-    """Success and score of every policy in every arena."""
-    arenas = data["arenas"]
+    """Success and score of the `README_POLICIES` in the arenas that are a registered task as it is.
+
+    A policy that no arena has is left out.
+    """
+    arenas = [arena for arena in data["arenas"] if arena["name"] == plain_name(arena["task"])]
     entries = [entry for arena in arenas for entry in arena["policies"]]
-    names = list(dict.fromkeys(entry["policy"] for kind in _LABELS for entry in entries if entry["kind"] == kind))
+    names = [name for name in README_POLICIES if any(entry["policy"] == name for entry in entries)]
     rows = []
     for name in names:
         own = [next((p for p in arena["policies"] if p["policy"] == name), None) for arena in arenas]

@@ -32,6 +32,12 @@ OPTIONS = ("tip_arclength", "target", "magnet_angle")
 
 _FIRST_TERM = VALUE.reward + 1
 
+_TOLD = (
+    ("cost", VALUE.cost), ("wall_force", VALUE.wall_force), ("path_ratio", VALUE.path_ratio), ("distance", VALUE.left),
+    ("unconverged", VALUE.unconverged),
+)  # fmt: skip
+"""What a step's `info` tells, and the row of `advance` that holds it."""
+
 
 class SteeringCore:
     """Lanes, goals, rewards and ends; no autoreset and no random source of its own. See `MagWireEnv` for arguments.
@@ -73,6 +79,7 @@ class SteeringCore:
         self.observer = Observer(self.sim, self.episodes, self.task.observe if observe is None else observe)
         self._readings = Readings(self.sim, self.observer, self.step_limit)
         self._watches_rig = any(CHANNELS[name].watches_rig for name in self.observer.names)
+        self._rule, self._follows = self.task.kind.rule, self.task.kind.follows
         self._safe = float(safety)
         self.reward_terms = checked_terms(reward_terms)
         self.own_terms: dict[str, np.ndarray] = {}
@@ -92,7 +99,7 @@ class SteeringCore:
             weights = RewardWeights(**{term.name: float(term.name == "success") for term in TERMS})
         self._weights = np.array([getattr(weights, term.name) for term in TERMS])
         shown = [term for term in TERMS if reward != "sparse" or term.name == "success"]
-        self._terms = tuple((info_name(term.name), _FIRST_TERM + TERMS.index(term)) for term in shown)
+        self._told = _TOLD + tuple((info_name(term.name), _FIRST_TERM + TERMS.index(term)) for term in shown)
 
     @property
     def goal(self) -> np.ndarray:
@@ -136,8 +143,7 @@ class SteeringCore:
 
         reference : (n, steps) m, of a tracking task
         """
-        self.sim.set_goal(lanes, goal)
-        self.sim.lay(lanes, start, magnet)
+        self.sim.lay(lanes, start, magnet, goal)
         self.episodes.begin(lanes, reference)
         self.action[lanes] = 0.0
 
@@ -203,7 +209,7 @@ class SteeringCore:
         """
         sim, task, episodes = self.sim, self.task, self.episodes
         self.actuation.write(action, sim.command)
-        if task.kind.follows:
+        if self._follows:
             episodes.move_goals()
         before = sim.magnet if self._watches_rig else None
         sim.advance()
@@ -211,7 +217,7 @@ class SteeringCore:
             episodes.turned = self.actuation.turned(before)
         values = np.empty((len(VALUE), episodes.lanes.shape[1]))
         diverged = kernels.judge(
-            sim.num_envs, task.kind.rule, sim.readout, sim.trace, self.step_limit, sim.control_period,
+            sim.num_envs, self._rule, sim.readout, sim.trace, self.step_limit, sim.control_period,
             task.tolerance, task.hold, self._safe, self._weights, episodes.lanes, values,
         )  # fmt: skip
         if diverged >= 0:
@@ -246,18 +252,14 @@ class SteeringCore:
 
     def info(self, values: Any, success: Any, lane: int | None = None) -> dict[str, Any]:
         """A step's `info` from rows of `advance` (rows, n), or from one lane's numbers (rows,)."""
-        own = {k: v if lane is None else v[lane].item() for k, v in self.own_terms.items()}
-        return {
-            "is_success": success,
-            "cost": values[VALUE.cost],
-            "wall_force": values[VALUE.wall_force],
-            "path_ratio": values[VALUE.path_ratio],
-            "distance": values[VALUE.left],
-            "unconverged": values[VALUE.unconverged],
-            **{name: values[row] for name, row in self._terms},
-            **own,
-            **self.drawn(lane),
-        }
+        info = {"is_success": success}
+        for name, row in self._told:
+            info[name] = values[row]
+        if self.own_terms:
+            info.update({k: v if lane is None else v[lane].item() for k, v in self.own_terms.items()})
+        if self.varied:
+            info.update(self.drawn(lane))
+        return info
 
     def drawn(self, lane: int | None = None) -> dict[str, Any]:
         """What `Variation` drew for the running episodes, (n,) arrays or one lane's numbers; empty without it."""
@@ -265,8 +267,7 @@ class SteeringCore:
 
     def start_info(self, lane: int | None = None) -> dict[str, Any]:
         """`info` of a reset: the target (m), and what was drawn."""
-        goal = self.goal
-        return {"target": goal if lane is None else goal[lane].item(), **self.drawn(lane)}
+        return {"target": self.goal if lane is None else self.sim.goal_of(lane), **self.drawn(lane)}
 
     def summary(self, lanes: np.ndarray) -> dict[str, np.ndarray]:
         """Of the episodes just ended in `lanes`, in arrays (n,): steps, time (s), forces (N), travel (rad and m)."""
@@ -282,7 +283,7 @@ class SteeringCore:
 
     def observe(self) -> np.ndarray:
         """(n, size) float32."""
-        return self._readings.of(self.observer.read(), self.steps)
+        return self._readings.of(self.observer.read(), self.episodes)
 
 
 def _scenarios(task: Task, given: Any, coupling: str | None, split: str, pool_size: int) -> list[Scenario]:

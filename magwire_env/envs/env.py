@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MagWireEnv"]
 
-_ENDS = (VALUE.success, VALUE.terminated, VALUE.truncated)
+_REWARD, _SUCCESS, _TERMINATED, _TRUNCATED = VALUE.reward, VALUE.success, VALUE.terminated, VALUE.truncated
 
 
 class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -126,13 +126,13 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
             raise gym.error.ResetNeeded("reset() must be called before step()")
         core = self.core
         values = core.advance(np.asarray(action)[None])[:, 0].tolist()
-        success, terminated, truncated = (values[row] > 0.0 for row in _ENDS)
+        success, terminated, truncated = values[_SUCCESS] > 0.0, values[_TERMINATED] > 0.0, values[_TRUNCATED] > 0.0
         info = core.info(values, success, 0)
         if self.render_mode == "human":
             self._show()
         if terminated or truncated:
             info["summary"] = {k: v[0].item() for k, v in core.summary(np.zeros(1, dtype=np.int64)).items()}
-        return core.observe()[0], values[VALUE.reward], terminated, truncated, info
+        return core.observe()[0], values[_REWARD], terminated, truncated, info
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
         """The present frame, (480, 640, 3) uint8, in the mode "rgb_array"; in "human" every step shows itself."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..simulation import Places, Simulator
+from ..simulation.readout import ROW
 from .kernels import EPISODE
 from .observation import REFERENCE_OFFSETS
 from .task import Task
@@ -37,7 +38,7 @@ class Episodes:
         """New episodes in `lanes` (n,), just laid out; `reference` (n, steps) m is a tracking task's moving goal."""
         sim, task = self._sim, self.task
         entries = sim.lane_scenario[lanes]
-        remaining = sim.remaining[lanes]
+        remaining = sim.readout[ROW.remaining, lanes]
         own = np.zeros((len(EPISODE), len(lanes)))
         own[EPISODE.distance] = remaining if task.kind.passes else np.abs(remaining)
         own[EPISODE.start_distance] = task.tolerance if task.kind.follows else own[EPISODE.distance]

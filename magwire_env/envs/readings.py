@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..simulation import Simulator
+from .episodes import Episodes
 from .observation import Observer
 
 __all__ = ["Readings"]
@@ -53,15 +54,15 @@ class Readings:
             else:
                 self._errors[lane] = 0.0
 
-    def of(self, truth: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """What is read where `truth` (n, size) stands, `steps` (n,) control steps into the episodes.
+    def of(self, truth: np.ndarray, episodes: Episodes) -> np.ndarray:
+        """What is read where `truth` (n, size) stands, at the present step of the episodes.
 
         Reading the same step twice gives the same: each step has its own error and its own place in the history.
         """
         if not self.active:
             return truth
         lanes, entries = np.arange(len(truth)), self._sim.lane_scenario
-        steps = np.minimum(steps, self._errors.shape[1] - 1)
+        steps = np.minimum(episodes.steps, self._errors.shape[1] - 1)
         seen = truth + self._offsets + self._errors[lanes, steps]
         step = self._step[entries]
         seen = np.where(step > 0, np.round(seen / np.where(step > 0, step, 1.0)) * step, seen)
@@ -69,12 +70,3 @@ class Readings:
         depth = self._delay[entries] + 1
         self._history[steps % depth, lanes] = np.clip(seen, -self._bound, self._bound)
         return self._history[np.maximum(steps - depth + 1, 0) % depth, lanes]
-
-    def history(self) -> np.ndarray | None:
-        """The last readings of every lane, (depth, n, size); None where readings are perfect."""
-        return self._history.copy() if self.active else None
-
-    def load_history(self, history: np.ndarray | None) -> None:
-        """Put back what `history` gave."""
-        if self.active:
-            self._history[:] = history

@@ -38,8 +38,10 @@ class Places:
     """
 
     def __init__(self, s: np.ndarray | Sequence[float] | float, branch: np.ndarray | int = 0) -> None:
-        self.s = np.atleast_1d(np.asarray(s, dtype=np.float64))
-        self.branch = np.broadcast_to(np.asarray(branch, dtype=np.int64), self.s.shape)
+        self.s = np.asarray(s, dtype=np.float64).reshape(-1)
+        self.branch = np.zeros(self.s.shape, dtype=np.int64)
+        if isinstance(branch, np.ndarray) or branch:  # else all are in the trunk
+            self.branch[:] = branch
 
     def __len__(self) -> int:
         return len(self.s)

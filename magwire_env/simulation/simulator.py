@@ -70,7 +70,7 @@ class Simulator:
         self.num_envs = int(n)
         self.library = scenario if isinstance(scenario, Library) else Library(scenarios)
         self.time = np.zeros(n)
-        self._threads = threads
+        self._threads, self._period = threads, self.library.timing.control_period
         self._scratch: Simulator | None = None
         self._lock = threading.RLock()
         self.rig = RigLanes(self.library.rigs, self.num_envs)
@@ -80,16 +80,22 @@ class Simulator:
         """Live, m: the way left at the start of the last control period and after each of its substeps, a row each."""
         model = model_class(self.library.model)
         self.model: WireModel = model(self.library, self.rig, self.readout, self.trace, threads)
+        self._look_at_command()
         self._goal = (np.zeros(n, dtype=np.int64), np.zeros(n))
         self.assign(np.arange(n), lane_scenario)
         self.set_goal(np.arange(n), Places(self.model.route_length(np.arange(n))))
         self.reset()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {k: v for k, v in self.__dict__.items() if k not in ("_lock", "_scratch")}
+        return {k: v for k, v in self.__dict__.items() if k not in ("_lock", "_scratch", "command")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _lock=threading.RLock(), _scratch=None)
+        self._look_at_command()
+
+    def _look_at_command(self) -> None:
+        self.command = self.rig.command[:, : self.num_envs]
+        """(dof, n) rad or m, live: the command of the last or the next step; see `advance`."""
 
     # --- what it is -------------------------------------------------------------------------------------------------
 
@@ -173,9 +179,11 @@ class Simulator:
         magnet = self.library.home[entries] if magnet is None else self._checked(magnet, n, "magnet")
         self.lay(lanes, places, magnet)
 
-    def lay(self, lanes: np.ndarray, places: Places, magnet: np.ndarray) -> None:
-        """`reset` of `lanes` (n,), unchecked: tips at `places`, the rig at (n, dof) rad or m."""
+    def lay(self, lanes: np.ndarray, places: Places, magnet: np.ndarray, goals: Places | None = None) -> None:
+        """`reset` of `lanes` (n,), unchecked: tips at `places`, the rig at (n, dof) rad or m, new goals if given."""
         with self._lock:
+            if goals is not None:
+                self._aim(lanes, goals)
             self.model.lay(lanes, places)
             self.rig.q[:, lanes] = magnet.T
             self.model.refresh(lanes)
@@ -192,8 +200,9 @@ class Simulator:
 
         places : `Places`, or (n,) m along the first branch
         """
-        places = places if isinstance(places, Places) else Places(places)
-        lanes = self._checked_lanes(lanes)
+        self._aim(self._checked_lanes(lanes), places if isinstance(places, Places) else Places(places))
+
+    def _aim(self, lanes: np.ndarray, places: Places) -> None:
         self._goal[0][lanes], self._goal[1][lanes] = places.branch, places.s
         self.model.set_goal(lanes, places)
 
@@ -201,6 +210,10 @@ class Simulator:
         """The goals of `lanes` (all by default)."""
         branch, s = self._goal
         return Places(s.copy(), branch.copy()) if lanes is None else Places(s[lanes], branch[lanes])
+
+    def goal_of(self, lane: int) -> float:
+        """The goal of one lane, m along its branch."""
+        return self._goal[1][lane].item()
 
     def step(self, command: np.ndarray) -> None:
         """Move every wire through one control period.
@@ -216,7 +229,7 @@ class Simulator:
         """`step` under what stands in `command`, unchecked: for callers that write it there themselves."""
         with self._lock:
             self.model.step()
-            self.time += self.control_period
+            self.time += self._period
 
     def refresh(self, lanes: np.ndarray) -> None:
         """Bring the readout of `lanes` (n,) up to date with their state, goals and parameters."""
@@ -276,15 +289,15 @@ class Simulator:
         for step in range(horizon):
             scratch.command[:] = commands[:, step].T
             scratch.advance()
-            rows[:, step] = scratch.readout[_TRIED, : n * k]
+            for row, field in enumerate(_TRIED):
+                rows[row, step] = scratch.readout[field, : n * k]
         shape = (k, horizon) if single else (n, k, horizon)
-        arrays = [row.T.reshape(shape) for row in rows[:-3]]
-        position = rows[-3:].transpose(2, 1, 0).reshape(*shape, 3)
+        arrays = rows.transpose(0, 2, 1).reshape(len(_TRIED), *shape)
         time = state.time[source]
         for _ in range(horizon):  # summed as `step` sums it, so that the end equals stepping there
             time = time + self.control_period
         end = dataclasses.replace(scratch.state(), time=time, lanes=origin)
-        return Trajectories(*arrays, position, end)  # type: ignore[call-arg]
+        return Trajectories(*arrays, end)  # type: ignore[call-arg]
 
     def _scratch_for(self, n: int, entries: np.ndarray) -> Simulator:
         """A simulator for a rollout of n wires, kept between calls of the same size."""
@@ -295,11 +308,6 @@ class Simulator:
         return self._scratch
 
     # --- looking at it ----------------------------------------------------------------------------------------------
-
-    @property
-    def command(self) -> np.ndarray:
-        """(dof, n) rad or m, live: the command of the last or the next step; see `advance`."""
-        return self.rig.command[:, : self.num_envs]
 
     @property
     def travelled(self) -> np.ndarray:
@@ -470,8 +478,7 @@ class Simulator:
 
 
 _TRIED = (
-    ROW.travelled, ROW.remaining, ROW.speed, ROW.drive, ROW.lateral, ROW.torque, ROW.wall, ROW.unconverged, ROW.tip_x,
-    ROW.tip_y, ROW.tip_z,
+    ROW.travelled, ROW.remaining, ROW.speed, ROW.drive, ROW.lateral, ROW.torque, ROW.wall, ROW.unconverged,
 )  # fmt: skip
 """Rows of the readout that `Trajectories` has, in its order."""
 

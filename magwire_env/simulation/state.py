@@ -79,7 +79,6 @@ class Trajectories:
 
     travelled, remaining : m, way from the inlet to the tip, and from there to the lane's goal
     unconverged : substeps of each control period whose solve did not converge
-    tip_position : (n, K, H, 3) m
     end : the n·K final states, plan by plan
     """
 
@@ -91,7 +90,6 @@ class Trajectories:
     tip_torque: np.ndarray
     wall_force: np.ndarray
     unconverged: np.ndarray
-    tip_position: np.ndarray
     end: SimulatorState
 
     @property

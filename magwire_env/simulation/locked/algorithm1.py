@@ -45,7 +45,6 @@ class Parameter(NamedTuple):
     moment : A·m², of the tip
     wrench : 1 if the tip's couple drives it along a bend
     gravity_x … gravity_z : m/s²
-    goal : m, arc length
     """
 
     friction: int
@@ -57,7 +56,6 @@ class Parameter(NamedTuple):
     gravity_x: int
     gravity_y: int
     gravity_z: int
-    goal: int
 
 
 class WireField(NamedTuple):
@@ -131,6 +129,7 @@ class Wires(NamedTuple):
     wire : (blocks, nodes, `WireField`, LANES)
     s, v : (blocks, nodes, LANES) m, m/s, arc lengths and speeds, tail to tip
     table : flat, all tracts' tables
+    goal : (lanes,) m, arc lengths
     """
 
     par: np.ndarray
@@ -138,6 +137,7 @@ class Wires(NamedTuple):
     s: np.ndarray
     v: np.ndarray
     table: np.ndarray
+    goal: np.ndarray
 
 
 class Work(NamedTuple):
@@ -481,7 +481,7 @@ def control_period(blocks, substeps, h, spare, rig, actuators, wires, trace, rea
     for block in blocks:
         par, wire, lane = row(wires.par, block), row(wires.wire, block), block * LANES
         s, v = row(wires.s, block), row(wires.v, block)
-        goal = load(par, PAR.goal)
+        goal = load(wires.goal, lane)
         for d in range(dof):
             store(angles, d, load(q, d, lane))
         friction_of_speed(w, nodes, par, v)
@@ -509,15 +509,15 @@ def control_period(blocks, substeps, h, spare, rig, actuators, wires, trace, rea
         store(o, ROW.unconverged, unconverged)
         for d in range(dof):
             store(q, d, lane, load(angles, d))
-        publish(o, par, load(s, tip), load(v, tip), len(ROW), readout, lane)
+        publish(o, load(s, tip), load(v, tip), goal, len(ROW), readout, lane)
 
 
 @inlined
-def publish(o, par, s, v, count, readout, lane):
+def publish(o, s, v, goal, count, readout, lane):
     """The first `count` results of a block to their places among all lanes'."""
     store(o, ROW.speed, v)
     store(o, ROW.travelled, s)
-    store(o, ROW.remaining, load(par, PAR.goal) - s)
+    store(o, ROW.remaining, goal - s)
     for field in range(count):
         store(readout, field, lane, load(o, field))
 
@@ -534,7 +534,7 @@ def refresh(blocks, rig, wires, q, readout, work):
             store(angles, d, load(q, d, lane))
         tip_pose(s, par, wires.table, o)
         magnetic_force(block, par, rig, angles, o)
-        publish(o, par, s, v, OF_STATE, readout, lane)
+        publish(o, s, v, load(wires.goal, lane), OF_STATE, readout, lane)
 
 
 @kernel

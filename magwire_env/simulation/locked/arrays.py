@@ -71,7 +71,8 @@ class LockedWires:
         self._par = aligned_zeros(blocks, a1.PAR_ROWS, LANES)
         self._wire = aligned_zeros(blocks, self.nodes, a1.WIRE_ROWS, LANES)
         self._s, self._v = (aligned_zeros(blocks, self.nodes, LANES) for _ in range(2))
-        self._wires = tuple(a1.Wires(self._par, self._wire, self._s, self._v, self._own.table))
+        self._goal = np.zeros(rig.lanes)
+        self._wires = tuple(a1.Wires(self._par, self._wire, self._s, self._v, self._own.table, self._goal))
         self._all = np.arange(blocks)
         self._works = [_work(self.nodes, rig.library.dof) for _ in range(min(threads or cores(), blocks))]
         self._laying = (aligned_zeros(a1.PAR_ROWS, LANES), *(aligned_zeros(self.nodes, LANES) for _ in range(2)))
@@ -96,9 +97,7 @@ class LockedWires:
     def take(self, lanes: np.ndarray, entries: np.ndarray) -> None:
         """As `WireModel.take`."""
         block, lane = np.divmod(lanes, LANES)
-        goal = self._par[block, PAR.goal, lane]
         self._par[block, :, lane] = self._own.par[entries]
-        self._par[block, PAR.goal, lane] = goal
         self._wire[block, :, :, lane] = self._own.wire[entries]
 
     def vary(self, lanes: np.ndarray, factors: Mapping[str, np.ndarray]) -> None:
@@ -118,8 +117,7 @@ class LockedWires:
 
     def set_goal(self, lanes: np.ndarray, places: Places) -> None:
         """As `WireModel.set_goal`."""
-        block, lane = np.divmod(lanes, LANES)
-        self._par[block, PAR.goal, lane] = places.s
+        self._goal[lanes] = places.s
 
     def step(self) -> None:
         """As `WireModel.step`."""
@@ -195,7 +193,6 @@ def _parameters(sc: Scenario) -> np.ndarray:
     row[PAR.inv_lever], row[PAR.lever_friction] = 1.0 / contact.lever, float(contact.lever_friction)
     row[PAR.moment], row[PAR.wrench] = sc.tip.moment, float(sc.coupling == "wrench")
     row[PAR.gravity_x : PAR.gravity_z + 1] = sc.gravity
-    row[PAR.goal] = sc.tract.length
     return row[a1.FIRST_PARAMETER :]
 
 

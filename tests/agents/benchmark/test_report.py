@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from agents.benchmark.plots import DIGEST
-from agents.benchmark.report import MARKS, insert, markdown, readme_table, text_of, write
+from agents.benchmark.report import MARKS, README_POLICIES, insert, markdown, readme_table, text_of, write
 
 DOCS = Path(__file__).parents[3] / "docs"
 README = DOCS.parent / "README.md"
@@ -53,6 +53,12 @@ def test_nearly_all_is_not_all(data):
     next(p for p in changed["arenas"][0]["policies"] if p["policy"] == "MaxForce")["success"] = 0.998
     assert "| MaxForce | 99.8 % |" in markdown(changed)
     assert "99.8 % · 0.80" in readme_table(changed)
+
+
+def test_the_readme_shows_a_few_policies_on_the_registered_tasks(data):
+    head, _, *rows = readme_table(data).splitlines()
+    assert "ood" not in head
+    assert [row.split("|")[1].split()[0] for row in rows] == list(README_POLICIES)
 
 
 def test_the_files_are_the_jsons_own(data, tmp_path):

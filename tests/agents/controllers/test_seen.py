@@ -33,4 +33,4 @@ def test_a_reference_is_read_back_between_its_points():
     observation, _ = envs.reset(seed=3)
     period = core.sim.control_period
     aims = aim_seen(controller, observation, period * np.arange(1, 12))
-    assert aims == pytest.approx(core.reference[:, 1:12], abs=5e-4)
+    assert aims == pytest.approx(core.episodes.reference[:, 1:12], abs=5e-4)

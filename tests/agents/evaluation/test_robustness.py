@@ -60,9 +60,9 @@ def test_it_lasts_through_the_episode_and_leaves_the_model_alone():
     core = env.unwrapped.core
     controller = NetForce.from_env(env)
     known = controller._commands.copy()
-    strength = core.sim.arrays.magnets.copy()
+    strength = core.sim.rig.magnetics[1].copy()
     evaluate(controller, ID, 2, env=env, disturb=BY_NAME["remanence +10 %"].apply)
-    assert np.abs(core.sim.arrays.magnets - strength).max() > 0
+    assert np.abs(core.sim.rig.magnetics[1] - strength).max() > 0
     assert core.sim.library.scenarios == (Scenario.paper(),)
     assert np.array_equal(NetForce.from_env(env)._commands, known)
     # What a rollout expects is still what the nominal scenario would do.
