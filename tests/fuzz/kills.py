@@ -268,8 +268,8 @@ def kill_benchmarks(count: int, seed: int, folder: Path) -> None:
 
 def pars(out: Path) -> None:
     """Fill a pool of tracts and plan the pars of its episodes, into the cache that the environment names."""
-    from agents.controllers import Optimal
     from agents.evaluation.evaluator import evaluate
+    from agents.par.optimal import Optimal
     from agents.par.refinement import Refinement
 
     episodes = evaluate(lambda env: Optimal(env, Refinement(rounds=2)), "MagWire/SteerAny-v0", 3)

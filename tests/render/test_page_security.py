@@ -14,9 +14,9 @@ import viser
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from agents.catalogue import CONTROLLERS
 from agents.cli.main import main as magwire
 from agents.cli.view import _policies
-from agents.controllers import CONTROLLERS
 from magwire_env.render.controls import HAND
 from magwire_env.render.guard import Guard, acceptable
 from magwire_env.render.thinking import Thinker
