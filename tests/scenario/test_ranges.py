@@ -24,7 +24,7 @@ from magwire_env.scenario import (
 PAPER = Scenario.paper()
 PARTS = {
     "Guidewire": PAPER.wire, "Tract": PAPER.tract, "BlockMagnet": BlockMagnet((0.05, 0.05, 0.05), 1.3),
-    "CylinderMagnet": PAPER.tip, "PointDipole": PointDipole(1.0), "Contact": PAPER.contact, "Timing": PAPER.timing,
+    "CylinderMagnet": PAPER.tip, "PointDipole": PointDipole(1.0), "Contact": PAPER.contact, "Timing": Timing(),
     "ActuatedMagnet": PAPER.rig.magnets[0], "Turn": Turn(), "Slide": Slide("x", -1.0, 1.0), "Current": Current(),
     "Coil": Coil("x"), "Reading": Reading(), "Sensing": Sensing(), "Variation": Variation(), "Scenario": PAPER,
 }  # fmt: skip
@@ -69,7 +69,7 @@ HEAD = PAPER.dumps()
         (HEAD.replace("friction = 0.05", "friction = 'text'").encode(), "Contact.friction must be a number"),
         (("name = " + "[" * 100_000).encode(), "mine.toml is not valid TOML"),
         (b"name = '\xff\xfe'", "mine.toml must be text in UTF-8"),
-        (HEAD.replace("substeps = 2", "substeps = 1000000000").encode(), "Timing.substeps must lie in"),
+        (HEAD.replace("[timing]", "[timing]\nsubsteps = 1000000000").encode(), "Timing.substeps must lie in"),
         (HEAD.replace("delay = 0", "delay = 1000000000").encode(), "Sensing.delay must lie in"),
         (HEAD.replace('"fitted",\n    21,', '"grid",\n    [10000, 10000, 10000],').encode(), "at most 200000 dipoles"),
     ],

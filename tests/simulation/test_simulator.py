@@ -268,7 +268,7 @@ def test_loads_over_a_period_and_the_trace_of_the_way_left():
     before = sim.remaining
     sim.step(np.full((3, 1), 0.5))
     trace = sim.remaining_trace
-    assert trace.shape == (3, PAPER.timing.substeps + 1)
+    assert trace.shape == (3, PAPER.substeps + 1)
     assert np.array_equal(trace[:, 0], before)
     assert np.array_equal(trace[:, -1], sim.remaining)
     assert (sim.peak_wall_force >= sim.mean_wall_force).all()
