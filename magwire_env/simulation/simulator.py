@@ -72,6 +72,7 @@ class Simulator(Observed):
         self.library = scenario if isinstance(scenario, Library) else Library(scenarios)
         self.time = np.zeros(n)
         self._threads, self._period = threads, self.library.control_period
+        self._some_step_too_long = bool(self.library.too_long_step.any())
         self._scratch: Simulator | None = None
         self._lock = threading.RLock()
         self.rig = RigLanes(self.library.rigs, self.num_envs)
@@ -237,6 +238,9 @@ class Simulator(Observed):
                 self.model.step()
             finally:  # an interrupt comes when the wires have moved
                 self.time += self._period
+            if self._some_step_too_long:
+                too_long = self.library.too_long_step[self.lane_scenario]
+                self.readout[ROW.unconverged, : self.num_envs] += self.library.substeps * too_long
 
     def refresh(self, lanes: np.ndarray) -> None:
         """Bring the readout of `lanes` (n,) up to date with their state, goals and parameters."""
