@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Hashable, Iterable
+from pathlib import Path
 from typing import Any
 
 from magwire_env.render.extra import need
@@ -23,12 +24,14 @@ class RayEngine:
     """
 
     def __init__(self, address: str, workers: int) -> None:
-        need("ray", "a cluster", "cluster")
+        here = address == "local"
         os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+        if not here and ("RAY_AUTH_TOKEN" in os.environ or (Path.home() / ".ray" / "auth_token").exists()):
+            os.environ.setdefault("RAY_AUTH_MODE", "token")  # as nodes do by themselves; Ray reads it when imported
+        need("ray", "a cluster", "cluster")
         os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")  # else a warning at every start
         import ray
 
-        here = address == "local"
         try:
             ray.init(
                 address=address, num_cpus=workers if here else None, include_dashboard=False if here else None,
@@ -43,7 +46,11 @@ class RayEngine:
 
     def room(self) -> bool:
         """As `Engine.room`: as many tasks as the living nodes have processors."""
-        return len(self._running) < max(1, int(self._ray.cluster_resources().get("CPU", 1)))
+        return len(self._running) < max(1, self.processors())
+
+    def processors(self) -> int:
+        """Of the nodes that are alive."""
+        return int(self._ray.cluster_resources().get("CPU", 0))
 
     def submit(self, task: Task, attempt: int) -> Hashable:
         """As `Engine.submit`."""

@@ -180,7 +180,8 @@ class Simulator(Observed):
         if places is None and tip_arclength is None:
             places = self.model.start(entries)
         elif places is None:
-            places = Places(_numbers("tip_arclength", np.asarray(tip_arclength), (n,), "m"))
+            places = Places(_numbers("tip_arclength", tip_arclength, (n,), "m"))
+        _check_places(places, "tip_arclength")
         magnet = self.library.home[entries] if magnet is None else self._setting(magnet, n)
         self.lay(lanes, places, magnet)
 
@@ -205,7 +206,11 @@ class Simulator(Observed):
 
         places : `Places`, or (n,) m along the first branch
         """
-        self._aim(self._checked_lanes(lanes), places if isinstance(places, Places) else Places(places))
+        lanes, places = self._checked_lanes(lanes), places if isinstance(places, Places) else Places(places)
+        if len(places) != len(lanes):
+            raise ValueError(f"places must be one for each of the {len(lanes)} lanes, got {len(places)}")
+        _check_places(places, "places")
+        self._aim(lanes, places)
 
     def _aim(self, lanes: np.ndarray, places: Places) -> None:
         self._goal[0][lanes], self._goal[1][lanes] = places.branch, places.s
@@ -321,6 +326,10 @@ class Simulator(Observed):
     # --- inside -----------------------------------------------------------------------------------------------------
 
     def _fits(self, state: SimulatorState) -> None:
+        for name in ("wire", "magnet", "time"):
+            array = getattr(state, name)
+            if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
+                raise ValueError(f"state.{name} must be an array of numbers, got {array!r:.80}")
         now = self.state(np.zeros(1, dtype=np.int64))
         wanted = (len(state), now.wire.shape[1])
         if state.wire.shape != wanted or state.magnet.shape != (len(state), self.dof):
@@ -339,11 +348,11 @@ class Simulator(Observed):
     def _checked_lanes(self, lanes: Any, name: str = "lanes") -> np.ndarray:
         """Whole numbers below `num_envs`: the kernels check no index, so every one that reaches them passes here."""
         array = np.atleast_1d(np.asarray(lanes))
-        if array.size == 0:
+        if array.shape == (0,):
             return array.astype(np.int64)
         if array.ndim != 1 or array.dtype.kind not in "iu":
             raise ValueError(f"{name} must be whole numbers (n,), got {lanes!r}")
-        if array.min() < 0 or array.max() >= self.num_envs:
+        if not array.size or array.min() < 0 or array.max() >= self.num_envs:
             raise ValueError(f"{name} must lie in [0, {self.num_envs - 1}], got {array.tolist()}")
         return array.astype(np.int64, copy=False)
 
@@ -369,6 +378,9 @@ class Simulator(Observed):
         return array
 
 
+FARTHEST_PLACE = 1e3
+"""m, along a tract or its straight extensions."""
+
 FARTHEST_SETTING = 1e6
 """rad, m or A. From farther round, an angle's sine would be lost in rounding."""
 
@@ -376,6 +388,11 @@ _TRIED = (
     ROW.travelled, ROW.remaining, ROW.speed, ROW.drive, ROW.lateral, ROW.torque, ROW.wall, ROW.unconverged,
 )  # fmt: skip
 """Rows of the readout that `Trajectories` has, in its order."""
+
+
+def _check_places(places: Places, name: str) -> None:
+    if places.s.size and not np.abs(places.s).max() <= FARTHEST_PLACE:
+        raise ValueError(f"{name} must lie within ±{FARTHEST_PLACE:g} m, got {places.s[np.abs(places.s).argmax()]:g}")
 
 
 def _numbers(name: str, value: Any, shape: tuple[int, ...], unit: str) -> np.ndarray:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
+import secrets
+import shutil
 import signal
 import socket
 import subprocess
@@ -21,8 +24,10 @@ from agents.benchmark.jobs import run_cells
 from agents.benchmark.plan import Arena, Plan
 from tests.fuzz.kills import session_of
 
-pytest.importorskip("ray")
-pytestmark = pytest.mark.cluster
+pytestmark = [
+    pytest.mark.cluster,
+    pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed"),
+]
 
 ROOT = Path(__file__).parents[3]
 ARENAS = tuple(Arena(f"Steer {word}", "MagWire/Steer-v0", episodes=200) for word in "abcdefgh")
@@ -37,9 +42,9 @@ def node(port: int, folder: str, head: bool) -> subprocess.Popen:
         "RAY_health_check_failure_threshold": "3",
     }  # fmt: skip
     ray = str(Path(sys.executable).with_name("ray"))
-    place = ["--head", f"--port={port}", f"--temp-dir={folder}"] if head else [f"--address=127.0.0.1:{port}"]
-    command = [ray, "start", "--block", "--num-cpus=1", "--disable-usage-stats", "--include-dashboard=false", *place]
-    command = command if head else [part for part in command if "dashboard" not in part]
+    place = ["--head", f"--port={port}", f"--temp-dir={folder}", "--include-dashboard=false"]
+    place = place if head else [f"--address=127.0.0.1:{port}"]
+    command = [ray, "start", "--block", "--num-cpus=1", "--disable-usage-stats", "--node-ip-address=127.0.0.1", *place]
     with (Path(folder) / f"log-{'head' if head else 'node'}").open("w") as log:
         return subprocess.Popen(command, env=environment, start_new_session=True, stdout=log, stderr=log, cwd=ROOT)
 
@@ -55,10 +60,12 @@ def end(process: subprocess.Popen) -> None:
 
 
 @pytest.fixture
-def cluster() -> Iterator[tuple[str, Callable[[], None]]]:
+def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str, Callable[[], None]]]:
     """The address of two nodes, and what kills the second one."""
-    import ray
+    from agents.engines.on_ray import RayEngine
 
+    monkeypatch.setenv("RAY_AUTH_MODE", "token")
+    monkeypatch.setenv("RAY_AUTH_TOKEN", secrets.token_hex(32))
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -66,23 +73,24 @@ def cluster() -> Iterator[tuple[str, Callable[[], None]]]:
     head = node(port, folder, True)
     address, nodes = f"127.0.0.1:{port}", [head]
     try:
-        until = time.monotonic() + 120
-        while subprocess.run(
-            [sys.executable, "-m", "ray.scripts.scripts", "health-check", "--address", address], capture_output=True
-        ).returncode:
-            assert time.monotonic() < until, (Path(folder) / "log-head").read_text()
-            time.sleep(1)
-        nodes.append(node(port, folder, False))
-        ray.init(address=address, log_to_driver=False)
-        while ray.cluster_resources().get("CPU", 0) < 2:
-            assert time.monotonic() < until, (Path(folder) / "log-node").read_text()
+        until = time.monotonic() + 180
+        said = Path(folder) / "log-head"
+        while "block forever" not in said.read_text():
+            assert time.monotonic() < until, said.read_text()
             time.sleep(0.5)
-        ray.shutdown()
+        nodes.append(node(port, folder, False))
+        engine = RayEngine(address, 1)
+        try:
+            while engine.processors() < 2:
+                assert time.monotonic() < until, (Path(folder) / "log-node").read_text()
+                time.sleep(0.5)
+        finally:
+            engine.close()
         yield address, lambda: end(nodes[1])
     finally:
-        ray.shutdown()
         for one in nodes:
             end(one)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def results(out: Path) -> dict[str, Any]:
