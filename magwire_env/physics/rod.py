@@ -1,11 +1,13 @@
 """The free rod: the paper's chain without a tract, in static equilibrium (paper Section III, Figures 1 and 2).
 
-The chain of `Guidewire` is clamped at the origin along +x; its last node carries the tip magnet. Its energy is
+The chain of `Guidewire` is clamped at the origin along +x; its last node carries the tip magnet, and its segments may
+be magnetised themselves. Its energy is
 
-    U = Σ ½ k_axial (|e_i| − ℓ)² + Σ ½ k_j φ_j² − m d̂·B(x_tip) − F·x_tip − Σ m_i g·x_i
+    U = Σ ½ k_axial (|e_i| − ℓ)² + Σ ½ k_j φ_j² − m d̂·B(x_tip) − Σ μ_i d̂_i·B(x̄_i) − F·x_tip − Σ m_i g·x_i
 
-with segment vectors e_i, exact angles φ_j between segments at large deflection in 3-D, and d̂ the direction of the
-last segment, along which the tip's moment m lies. An equilibrium is a minimum of U.
+with segment vectors e_i, exact angles φ_j between segments at large deflection in 3-D, d̂_i the direction and x̄_i the
+middle of segment i, μ_i the moment it holds, and d̂ the direction of the last segment, along which the tip's moment m
+lies. An equilibrium is a minimum of U.
 
 **Joints at the ends.** A joint stands for the wire's bending over the ℓ about its node, so its spring is E·I/ℓ. At the
 clamp only half a cell lies between the first segment's middle and the wall: 2 E·I/ℓ. At the tip half a cell lies
@@ -36,6 +38,7 @@ from .dipoles import MU0, DipoleCloud
 from .guidewire import Guidewire
 from .magnets import CylinderMagnet, Magnet
 from .rod_energy import Chain, Chart, Load, Shape, Touched
+from .rod_magnetics import Magnetisation, carriers_of, segment_moments
 
 __all__ = ["FreeRod", "NotConverged", "RodPath"]
 
@@ -103,11 +106,15 @@ class FreeRod:
     """A wire clamped at the origin along +x, its tip magnet free.
 
     wire : its segments, stiffness and, for `gravity`, mass
-    tip : the magnet at the last node; its moment points along the last segment, outwards
+    tip : the magnet at the last node; its moment points along the last segment, outwards. None for a rod that is
+        magnetised along its length alone
+    magnetisation : moment along the tangent per length of wire, A·m²/m: a function of the arc length from the clamp,
+        (n,) m → (n,), or one number for each segment; by default none
     gravity : (3,) m/s², zero as in the paper
-    contact : m; a tip nearer than this to a dipole of a cloud touches the magnet, and no equilibrium is looked for
-        there. Default: the tip magnet's `reach`, at least 1 % of the wire. A cloud does not know its magnet's body:
-        a tip drawn inside goes on to one of its dipoles, and the wire behind the tip passes through magnets.
+    contact : m; a tip (or the middle of a magnetised segment) nearer than this to a dipole of a cloud touches the
+        magnet, and no equilibrium is looked for there. Default: the tip magnet's `reach` (the wire's radius without
+        one), at least 1 % of the wire. A cloud does not know its magnet's body: a tip drawn inside goes on to one of
+        its dipoles, and wire that is not magnetised passes through magnets.
     tolerance : on the gradient's norm, in units of E·I/L
 
     A load is given by keywords, all optional:
@@ -120,23 +127,27 @@ class FreeRod:
     def __init__(
         self,
         wire: Guidewire,
-        tip: Magnet,
+        tip: Magnet | None,
         *,
+        magnetisation: Magnetisation | None = None,
         gravity: Vector = (0.0, 0.0, 0.0),
         contact: float | None = None,
         tolerance: float = 1e-9,
     ) -> None:
-        for name, value, kind in (("wire", wire, Guidewire), ("tip", tip, Magnet)):
+        for name, value, kind in (("wire", wire, Guidewire), ("tip", tip, Magnet | None)):
             known = isinstance(value, kind)
             if not known:
                 raise ValueError(f"FreeRod.{name} must be a {name} from magwire_env.physics, got {value!r}")
         self.wire = wire
         self.tip = tip
+        self.segment_moments = segment_moments("FreeRod.magnetisation", magnetisation, wire.segments, wire.length)
+        self.reference_moment = self._reference()
         self.gravity = vector("FreeRod.gravity", gravity, 3, "m/s²")
-        default = max(tip.reach, 0.01 * wire.length)
+        default = max(wire.radius if tip is None else tip.reach, 0.01 * wire.length)
         self.contact = default if contact is None else positive("FreeRod.contact", contact, "m")
         self.tolerance = positive("FreeRod.tolerance", tolerance, "E·I/L")
-        self._chain = Chain(wire, self.contact)
+        carriers = carriers_of(tip.moment if tip is not None else 0.0, self.segment_moments, self.reference_moment)
+        self._chain = Chain(wire, self.contact, carriers)
         self._rest = Shape(np.tile([1.0, 0.0, 0.0], (wire.segments, 1)), np.zeros(wire.segments))
 
     def equilibrium(
@@ -203,8 +214,17 @@ class FreeRod:
         total = np.zeros((len(d) + 1, 3))
         total[:-1] += tension
         total[1:] -= tension
-        total[0] += self._chain.pull(scaled, shape)[0]  # the derivatives shift a segment with all that hangs on it
+        total[0] += self._chain.hold(scaled, shape)  # the derivatives shift a segment with all that hangs on it
         return total * self._chain.moment / self.wire.length
+
+    def _reference(self) -> float:
+        """Moment in whose units the rod's magnets are taken, A·m²: the tip's, or what the segments hold in all."""
+        if self.tip is not None:
+            return self.tip.moment
+        held = float(np.abs(self.segment_moments).sum())
+        if held == 0.0:
+            raise ValueError("FreeRod.tip must be a magnet, or FreeRod.magnetisation not zero (in A·m²/m), got neither")
+        return held
 
     def _load(
         self,
@@ -218,10 +238,10 @@ class FreeRod:
         tip_mass = self.tip.mass if isinstance(self.tip, CylinderMagnet) else 0.0
         hanging = (tip_mass or 0.0) + self.wire.mass / n * (np.arange(n)[::-1] + 0.5)
         dead = np.add(np.outer(hanging, self.gravity), vector("tip_force", tip_force, 3, "N"))
-        couple = np.array(vector("uniform_field", uniform_field, 3, "T")) * self.tip.moment / moment
+        couple = np.array(vector("uniform_field", uniform_field, 3, "T")) * self.reference_moment / moment
         positions = np.zeros((0, 3)) if cloud is None else cloud.positions / length
         moments = np.zeros((0, 3)) if cloud is None else cloud.moments
-        strength = MU0 / (4 * np.pi) * self.tip.moment / length**3 / moment
+        strength = MU0 / (4 * np.pi) * self.reference_moment / length**3 / moment
         return Load(dead * length / moment, couple, positions, moments * strength)
 
     def _shape(self, name: str, positions: np.ndarray) -> Shape:
@@ -272,9 +292,9 @@ class FreeRod:
             return math.inf
         chord = np.linalg.norm(found.shape.directions - shape.directions, axis=1).max()
         turn = 2 * math.asin(min(1.0, chord / 2))
-        before = self._chain.tip(shape) - last.positions
-        after = self._chain.tip(found.shape) - load.positions
-        nearer = np.linalg.norm(after - before, axis=1) / np.linalg.norm(before, axis=1)
+        before = self._chain.places(shape)[:, None] - last.positions
+        after = self._chain.places(found.shape)[:, None] - load.positions
+        nearer = np.linalg.norm(after - before, axis=2) / np.linalg.norm(before, axis=2)
         return max(turn / stride.turn, nearer.max(initial=0.0) / stride.approach)
 
     def _minimise(self, load: Load, shape: Shape) -> _Found:
