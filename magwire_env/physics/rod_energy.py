@@ -11,14 +11,17 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import eigh
 
 from . import rod_magnetics as magnetics
 from .guidewire import Guidewire
 from .rod_magnetics import Carriers
 
-__all__ = ["Chain", "Chart", "Load", "LoadSlope", "Shape", "Touched"]
+__all__ = ["Chain", "Chart", "Load", "LoadSlope", "Shape", "Touched", "off_saddle"]
 
 _NEUTRAL = 2.5e-6  # stiffness, in E·I/L and per segment, below which a mode counts as neutral and not as falling
+
+_KICK = 0.05  # rad, off a saddle
 
 
 class Shape(NamedTuple):
@@ -304,6 +307,22 @@ def _angles(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nd
     slope = np.where(small, 1 + phi**2 / 6 + 7 / 360 * phi**4, safe / sine)
     curve = np.where(small, 1 / 3 + 2 / 15 * phi**2 + 2 / 63 * phi**4, (1 - safe * np.cos(safe) / sine) / sine**2)
     return phi, -slope, curve
+
+
+def off_saddle(chart: Chart) -> Shape:
+    """The shape in the middle of `chart`, kicked downhill.
+
+    The kick is what a small turn towards +z and a little +y has in the directions of negative curvature, so that the
+    way a symmetric rod buckles does not hang on how the eigenvectors of a double root come out.
+    """
+    values, modes = eigh(chart.hessian(chart.middle))
+    falling = modes[:, values < max(0.0, 0.5 * values[0])]
+    falling = falling if falling.size else modes[:, :1]
+    turn = np.zeros((len(chart.normal), 3))
+    turn[:, :2] = chart.across @ np.array([0.0, 0.3, 1.0])
+    kick = falling @ (falling.T @ turn.ravel())
+    kick = kick if np.abs(kick).max() > 1e-6 else falling[:, 0]
+    return chart.shape(_KICK / np.abs(kick).max() * kick)
 
 
 def _padded(turns: np.ndarray) -> np.ndarray:

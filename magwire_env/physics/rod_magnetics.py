@@ -15,7 +15,16 @@ import numpy as np
 
 from .checks import finite
 
-__all__ = ["Carriers", "Magnetisation", "carriers_of", "first", "moved", "second", "segment_moments"]
+__all__ = [
+    "Carriers",
+    "Magnetisation",
+    "carriers_of",
+    "first",
+    "moved",
+    "reference_moment",
+    "second",
+    "segment_moments",
+]
 
 Magnetisation = Callable[[np.ndarray], np.ndarray] | Sequence[float] | np.ndarray
 """Moment along the tangent per length of wire, A·m²/m: a function of the arc length from the clamp, (n,) m → (n,), or
@@ -63,6 +72,14 @@ def carriers_of(tip_moment: float, moments: np.ndarray, reference: float) -> Car
     if tip_moment or not len(held):
         segment, share, moment = np.r_[held, len(moments) - 1], np.r_[share, 1.0], np.r_[moment, tip_moment]
     return Carriers(segment, share, moment / reference)
+
+
+def reference_moment(tip_moment: float, moments: np.ndarray) -> float:
+    """Moment in whose units the rod's magnets are taken, A·m²: the tip's, or what the segments hold without one."""
+    held = float(np.abs(moments).sum())
+    if tip_moment == 0.0 == held:
+        raise ValueError("FreeRod.tip must be a magnet, or FreeRod.magnetisation not zero (in A·m²/m), got neither")
+    return tip_moment or held
 
 
 def segment_moments(name: str, magnetisation: Magnetisation | None, segments: int, length: float) -> np.ndarray:

@@ -21,10 +21,11 @@ class Size(NamedTuple):
     places: int  # along a tract
     halvings: int  # of a step or a mesh, to observe an order
     seconds: float  # of motion whose energy is watched
+    trips: int  # of every kind from a shape back to the field that makes it
 
 
-FULL = Size(segments=200, directions=1000, samples=200, loads=10_000, places=1601, halvings=4, seconds=10.0)
-TEST = Size(segments=100, directions=100, samples=20, loads=60, places=401, halvings=2, seconds=2.0)
+FULL = Size(segments=200, directions=1000, samples=200, loads=10_000, places=1601, halvings=4, seconds=10.0, trips=200)
+TEST = Size(segments=100, directions=100, samples=20, loads=60, places=401, halvings=2, seconds=2.0, trips=6)
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ def force_unit(rod: FreeRod) -> float:
 
 def field_unit(rod: FreeRod) -> float:
     """E·I/(m L), T: the field at which β = 1."""
-    return rod.wire.bending_rigidity / (rod.wire.length * rod.tip.moment)
+    return rod.wire.bending_rigidity / (rod.wire.length * rod.reference_moment)
 
 
 def tip_angle(nodes: np.ndarray) -> float:
@@ -195,7 +195,7 @@ def axial_snap_place(rod: FreeRod, strength: float) -> float:
     drawn out by F/k = d/4, so that the dipole stands at L + 5d/4.
     """
     k = rod.wire.axial_rigidity / LENGTH
-    d = (12 * MU0 * strength * rod.tip.moment / (2 * math.pi * k)) ** 0.2
+    d = (12 * MU0 * strength * rod.reference_moment / (2 * math.pi * k)) ** 0.2
     return LENGTH + 1.25 * d
 
 
