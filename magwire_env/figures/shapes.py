@@ -9,9 +9,10 @@ import numpy as np
 
 from ..physics import FreeRod, field
 from ..physics.inverse import Curve, ShapeSolution
+from ..plotting import BLACK, BLUE, GREY, ORANGE, RED, SEQUENCE, blank
 from ..scenario import ActuatedMagnet, Rig, Scenario, Slide, Turn
 from .drawings import block_size
-from .page import BLACK, BLUE, GREY, ORANGE, RED, SEQUENCE, Page, blank
+from .page import Page
 
 __all__ = ["wanted_shapes"]
 
@@ -61,7 +62,7 @@ def wanted(segments: int, length: float) -> dict[str, np.ndarray]:
     return out
 
 
-def wanted_shapes(segments: int = 20, starts: int = 6) -> Page:
+def wanted_shapes(segments: int = 16, starts: int = 3) -> Page:
     """Wanted and reached shapes, with the magnets and the field in the plane."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm

@@ -217,13 +217,13 @@ def inverse(size: Size) -> list[Row]:
         for pose, what in ((False, "shapes back within 1 % of the length"), (True, "tip poses back within 1 mm, 1°")):
             trips = round_trips(means, size.trips, pose)
             quantity = f"{name}: of {trips.made} {what}"
-            rows.append(at_least(quantity, "", float(trips.made), "required", float(trips.reached)))
+            rows.append(at_least(quantity, "", float(trips.made), "required of the solver", float(trips.reached)))
     for pose, what in ((False, "curves"), (True, "tip poses")):
         found = arc_verdicts(size.trips, pose)
         quantity = f"uniform field: of {found.made} {what} ({found.reachable} reachable), wrong verdicts"
         rows.append(at_most(quantity, "", 0.0, "nearest circular arc", float(found.wrong)))
         quantity = f"uniform field: of {found.made} {what}, unreachable without a named limit"
-        rows.append(at_most(quantity, "", 0.0, "required", float(found.nameless)))
+        rows.append(at_most(quantity, "", 0.0, "required of the solver", float(found.nameless)))
     return rows
 
 

@@ -71,9 +71,10 @@ class Row:
         return "skipped" if self.skipped else "holds" if self.holds else "FAILS"
 
     def cells(self) -> tuple[str, ...]:
-        """The row as the table prints it."""
+        """The row as the table prints it. A bound other than 0 is a threshold of ours, and is named so."""
         unit = f" {self.unit}" if self.unit else ""
-        expected = f"{self.bound} {_number(self.expected)}{unit}".strip()
+        ours_alone = " (ours)" if self.bound and self.expected != 0.0 else ""
+        expected = f"{self.bound} {_number(self.expected)}{unit}{ours_alone}".strip()
         ours = self.skipped or f"{_number(self.ours)}{unit}"
         error = "" if math.isnan(self.error) else f"{self.error:.1e} (≤ {self.tolerance:.0e})"
         return self.quantity, expected, self.source, ours, error, self.verdict

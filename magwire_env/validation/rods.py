@@ -333,6 +333,6 @@ def random_loads(size: Size) -> list[Row]:
     converged, _, worst = sweep(size.loads)
     share = 100 * converged / size.loads
     return [
-        at_least(f"{size.loads} random loads, converged", "%", 99.0, "required", share),
-        at_most("largest unbalanced force among them, of E·I/L²", "", 1e-6, "required", worst),
+        at_least(f"{size.loads} random loads, converged", "%", 99.0, "required of the solver", share),
+        at_most("largest unbalanced force among them, of E·I/L²", "", 1e-6, "required of the solver", worst),
     ]
