@@ -22,10 +22,10 @@ def claims_reach() -> Page:
     """Shares of tracts by rig; drive and torque along the paper's tract."""
     reaches, found = recorded(), drives()
     kinds = list(dict.fromkeys(row.tracts for row in reaches))
-    figure, axes = blank(1, 3, (11.4, 4.2), width_ratios=(1, 1, 1.1))
+    figure, axes = blank(1, 3, (9.9, 4.2), width_ratios=(1, 1, 1.1))
     for panel, kind in zip(axes, kinds, strict=False):
         _shares(panel, [row for row in reaches if row.tracts == kind], kind)
-    axes[0].legend(loc="upper left")
+    axes[0].legend(loc="upper left", fontsize=7)
     axes[0].set_ylabel(f"of {reaches[0].number} tracts, passed both ways (%)")
     panel, twin = axes[2], axes[2].twinx()
     for coupling, colour, mark in (("force", BLUE, "o"), ("wrench", ORANGE, "s")):

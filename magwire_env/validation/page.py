@@ -1,14 +1,17 @@
 """docs/physics.md, its tables printed anew: `python -m magwire_env.validation.page docs/physics.md`.
 
 The long table is what `magwire validate --markdown` prints. The short ones take their rows from it. The tables on the
-claim's reach are those of `magwire_env.quasistatic.reach`, from its record.
+claim's reach are those of `magwire_env.quasistatic.reach`, from its record. All checks at full size take about half an
+hour; a run that was broken off goes on with the checks that it had not finished.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import re
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from ..quasistatic.reach import Drive, Reach, drives, recorded
@@ -96,15 +99,32 @@ def _short_line(line: str, cells: dict[str, tuple[str, ...]]) -> str:
     return f"| {now[0]} | {now[3]} |"
 
 
+def finished(store: Path) -> dict[str, list[Row]]:
+    """The rows of the checks that an earlier run finished, by check."""
+    if not store.exists():
+        return {}
+    tree = json.loads(store.read_text(encoding="utf-8"))
+    return {name: [Row(**row) for row in rows] for name, rows in tree.items()}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("page", type=Path, help="docs/physics.md")
-    path = parser.parse_args().page
-    rows = []
+    parser.add_argument(
+        "--store", type=Path, default=Path("runs/validation.json"), help="where finished checks are kept"
+    )
+    parser.add_argument("--again", action="store_true", help="run finished checks again")
+    options = parser.parse_args()
+    done = {} if options.again else finished(options.store)
+    options.store.parent.mkdir(parents=True, exist_ok=True)
     for number, check in enumerate(CHECKS, start=1):
-        print(f"{number} of {len(CHECKS)}: {check.name}", flush=True)
-        rows += run([check], FULL)
-    path.write_text(written(path.read_text(encoding="utf-8"), rows), encoding="utf-8")
+        if check.name not in done:
+            print(f"{number} of {len(CHECKS)}: {check.name}", flush=True)
+            done[check.name] = run([check], FULL)
+            tree = {name: [asdict(row) for row in rows] for name, rows in done.items()}
+            options.store.write_text(json.dumps(tree), encoding="utf-8")
+    rows = [row for check in CHECKS for row in done[check.name]]
+    options.page.write_text(written(options.page.read_text(encoding="utf-8"), rows), encoding="utf-8")
     print(verdicts(rows))
 
 
