@@ -15,13 +15,13 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TextIO
 
+from ..learning.run_folder import locked
+from ..processes import PATIENCE, end_with_parent, sigterm_as_ctrl_c
 from .plan import Cell, Plan
 
 __all__ = ["Job", "jobs_of", "run_cells", "selected"]
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-_PATIENCE = 30.0
-"""Time for workers to save their results after Ctrl-C, s."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,11 @@ def run_cells(plan: Plan, cells: Sequence[Cell], out: Path, workers: int) -> lis
     """Make `cells` in `workers` processes; returns the cells that failed. The log of such a cell has its traceback."""
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
+    with locked(out), sigterm_as_ctrl_c():
+        return _run(plan, cells, out, workers)
+
+
+def _run(plan: Plan, cells: Sequence[Cell], out: Path, workers: int) -> list[Cell]:
     waiting = jobs_of(plan, cells)
     running: dict[int, tuple[BaseProcess, Job]] = {}
     undone, failed = set(cells), []
@@ -90,11 +95,23 @@ def run_cells(plan: Plan, cells: Sequence[Cell], out: Path, workers: int) -> lis
                     undone -= set(job.cells)
                     failed += _failures(plan, job, out, ended.exitcode, started)
     except KeyboardInterrupt:
-        for worker, _ in running.values():
-            worker.join(_PATIENCE)
-            worker.terminate()
+        _stop([worker for worker, _ in running.values()])
         raise
     return failed
+
+
+def _stop(workers: Sequence[BaseProcess]) -> None:
+    """Have workers save what they train and end; those that take too long are killed."""
+    try:
+        for worker in workers:
+            worker.terminate()
+        until = time.monotonic() + PATIENCE
+        for worker in workers:
+            worker.join(max(0.0, until - time.monotonic()))
+    finally:
+        for worker in workers:
+            worker.kill()
+            worker.join()
 
 
 def _failures(plan: Plan, job: Job, out: Path, status: int | None, started: float) -> list[Cell]:
@@ -133,6 +150,7 @@ def _one_thread() -> Iterator[None]:
 
 def _work(plan: Plan, cells: Sequence[Cell], out: Path, slot: int, workers: int) -> None:
     """A worker process: it makes its cells in turn, logs what they print, and prints a line for each."""
+    end_with_parent()
     _take_core(slot, workers)
     from .cells import make
 

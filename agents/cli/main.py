@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from agents.cli import view as view_cli
+from agents.cli.export import Export, export
 from agents.cli.train import train
 from agents.learning.config import BAD_INPUT, Algorithm, Config
 from magwire_env.physics.checks import whole
@@ -34,9 +35,9 @@ class Evaluate:
     """Evaluate a trained model or a controller over a fixed list of episode seeds."""
 
     policy: tyro.conf.Positional[str]
-    """A run or model folder, a controller's name, such as MaxForce, or module:Class for one of your own."""
+    """A run's or policy's folder, a controller's name, such as MaxForce, or module:Class for one of your own."""
     task: str | None = None
-    """Environment id; by default the model's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     episodes: int = 200
     """Number of episode seeds."""
     scenario: str | None = None
@@ -47,6 +48,8 @@ class Evaluate:
     """Score against Optimal on the same starts; the first time, this takes minutes."""
     out: Path | None = None
     """Write the summary and every episode here as JSON."""
+    trust: bool = False
+    """Also open a model.zip or pickle, which runs any program that stands in it."""
 
 
 @dataclass
@@ -54,9 +57,9 @@ class Robustness:
     """Sweep friction, remanence, the magnet's place, force noise and delay; write a heat map and its numbers."""
 
     policy: tyro.conf.Positional[str]
-    """A run or model folder, a controller's name, or module:Class."""
+    """A run's or policy's folder, a controller's name, or module:Class."""
     task: str | None = None
-    """Environment id; by default the model's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     episodes: int = 50
     """Number of episode seeds for each disturbance."""
     scenario: str | None = None
@@ -67,6 +70,8 @@ class Robustness:
     """Score against Optimal without disturbance; otherwise against the policy itself without disturbance."""
     out: Path = Path("robustness")
     """Folder to write to."""
+    trust: bool = False
+    """Also open a model.zip or pickle, which runs any program that stands in it."""
 
 
 @dataclass
@@ -127,7 +132,7 @@ def _entrant(options: Evaluate | Robustness) -> Entrant:
     from agents.catalogue import resolve
 
     whole("episodes", options.episodes, 1)
-    return resolve(options.policy, options.task, options.scenario, options.split)
+    return resolve(options.policy, options.task, options.scenario, options.split, options.trust)
 
 
 def robustness(options: Robustness) -> None:
@@ -263,6 +268,6 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 _RUN: dict[type, Callable[[Any], Any]] = {
-    Train: train, Evaluate: evaluate, Robustness: robustness, Benchmark: benchmark, Tune: tune, Validate: validate,
-    Figures: figures,
+    Train: train, Export: export, Evaluate: evaluate, Robustness: robustness, Benchmark: benchmark, Tune: tune,
+    Validate: validate, Figures: figures,
 }  # fmt: skip

@@ -21,8 +21,8 @@ import yaml
 from magwire_env.physics.checks import one_of, whole
 
 from .config import Config
-from .sb3 import hyperparameters
-from .training import Run, learn, read_curve
+from .hyperparameters import hyperparameters
+from .training import Run, curve_of, learn, read_curve
 
 __all__ = ["SPACES", "STUDIES", "tune"]
 
@@ -145,4 +145,6 @@ def _trained(config: Config, changes: dict[str, Any]) -> float:
         run = Run.open(replace(config, run=Path(folder) / "run"), changes)
         if not learn(run):
             raise KeyboardInterrupt
-        return read_curve(run.folder / "learning_curve.csv")[-1]["mean_reward"]
+        path = curve_of(run.folder)
+        assert path is not None  # it has been evaluated at its end
+        return read_curve(path)[-1]["mean_reward"]

@@ -215,9 +215,22 @@ class Scenario:
 
     def save(self, path: str | Path) -> None:
         """Write the scenario as TOML; a tract is stored by its points, so the file stands alone."""
+        Path(path).write_text(self.dumps(), encoding="utf-8")
+
+    def dumps(self) -> str:
+        """The text that `save` writes."""
         import tomli_w
 
-        Path(path).write_text(tomli_w.dumps(_to_toml(self)), encoding="utf-8")
+        return tomli_w.dumps(_to_toml(self))
+
+    @classmethod
+    def loads(cls, text: str, where: str = "the scenario") -> Scenario:
+        """Read a scenario from TOML text; `where` names it in errors, which are those of `load`."""
+        try:
+            tree = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise ValueError(f"{where} is not valid TOML: {error}") from error
+        return _from_toml(cls, tree, where)
 
     @classmethod
     def load(cls, path: str | Path) -> Scenario:
@@ -233,11 +246,7 @@ class Scenario:
                     f"no file {str(path)!r}, and no shipped scenario of that name; shipped: {', '.join(names)}"
                 )
             file = _SHIPPED / f"{path}.toml"
-        try:
-            tree = tomllib.loads(file.read_text(encoding="utf-8"))
-        except tomllib.TOMLDecodeError as error:
-            raise ValueError(f"{file} is not valid TOML: {error}") from error
-        return _from_toml(cls, tree, str(file))
+        return cls.loads(file.read_text(encoding="utf-8"), str(file))
 
 
 def above(tract: Tract, distance: float) -> tuple[float, float, float]:
