@@ -91,9 +91,8 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if "reset_mask" in options:
             lanes = np.flatnonzero(self._mask(options.pop("reset_mask")))
         if seed is not None:
-            self._seed(
-                [seed + i for i in range(self.num_envs)] if isinstance(seed, (int, np.integer)) else list(seed), lanes
-            )
+            one = isinstance(seed, (int, np.integer)) and not isinstance(seed, bool)
+            self._seed([int(seed) + i for i in range(self.num_envs)] if one else list(seed), lanes)  # type: ignore
         self._begin(lanes, options)
         self._started = True
         mask = np.zeros(self.num_envs, dtype=np.bool_)
@@ -168,7 +167,8 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be one number or {self.num_envs} (num_envs) of them, got {len(seeds)}")
         for lane in lanes:
-            self.generators[lane] = seeding.np_random(seeds[lane])[0]
+            own = seeds[lane]
+            self.generators[lane] = seeding.np_random(int(own) if isinstance(own, np.integer) else own)[0]
 
     def _mask(self, mask: Any) -> np.ndarray:
         if (

@@ -145,13 +145,16 @@ class Simulator(Observed):
     ) -> None:
         """Depart from the scenarios in `lanes` until they are next assigned: factors (n,), shifts (n, magnets, 3) m.
 
-        Raises `ValueError` for numbers that are not finite, before anything is changed.
+        Raises `ValueError` for numbers that are not finite, or factors beyond a thousand, before anything is changed.
         """
         lanes = self._checked_lanes(lanes)
         shift_shape = (len(lanes), self.library.magnet_count, 3)
         given = {"friction": friction, "stiffness": stiffness, "remanence": remanence}
         factors = {name: _numbers(name, value, (len(lanes),), "") for name, value in given.items()}
         shifts = _numbers("placement", placement, shift_shape, "m")
+        for name, factor in factors.items():
+            if factor.size and not (factor.min() >= 0.0 and factor.max() <= 1e3):
+                raise ValueError(f"{name} must lie in [0, 1000], got {factor.min():g} to {factor.max():g}")
         self.rig.vary(lanes, factors.pop("remanence"), shifts)
         self.model.vary(lanes, factors)
 
@@ -177,7 +180,7 @@ class Simulator(Observed):
             places = self.model.start(entries)
         elif places is None:
             places = Places(_numbers("tip_arclength", np.asarray(tip_arclength), (n,), "m"))
-        magnet = self.library.home[entries] if magnet is None else self._checked(magnet, n, "magnet")
+        magnet = self.library.home[entries] if magnet is None else self._setting(magnet, n)
         self.lay(lanes, places, magnet)
 
     def lay(self, lanes: np.ndarray, places: Places, magnet: np.ndarray, goals: Places | None = None) -> None:
@@ -193,7 +196,7 @@ class Simulator(Observed):
     def set_rig(self, magnet: np.ndarray, lanes: np.ndarray | None = None) -> None:
         """Put the rig of `lanes` (all by default) to (n, dof) rad or m, as if it had always been there."""
         lanes = np.arange(self.num_envs) if lanes is None else self._checked_lanes(lanes)
-        self.rig.q[:, lanes] = self._checked(magnet, len(lanes), "magnet").T
+        self.rig.q[:, lanes] = self._setting(magnet, len(lanes)).T
         self.model.refresh(lanes)
 
     def set_goal(self, lanes: np.ndarray, places: Places | np.ndarray) -> None:
@@ -221,7 +224,8 @@ class Simulator(Observed):
 
         command : (num_envs, dof), rad for turns and m for slides; the servos move there at their limited speeds
 
-        Raises `ValueError`, before anything moves, for a command of another shape or that is not finite.
+        Raises `ValueError`, before anything moves, for a command of another shape or that is not finite. After Ctrl-C
+        in the middle of a step some wires may have moved and others not: reset them, or put a state back.
         """
         self.command[:] = self._checked(command, self.num_envs, "command").T
         self.advance()
@@ -229,8 +233,10 @@ class Simulator(Observed):
     def advance(self) -> None:
         """`step` under what stands in `command`, unchecked: for callers that write it there themselves."""
         with self._lock:
-            self.model.step()
-            self.time += self._period
+            try:
+                self.model.step()
+            finally:  # an interrupt comes when the wires have moved
+                self.time += self._period
 
     def refresh(self, lanes: np.ndarray) -> None:
         """Bring the readout of `lanes` (n,) up to date with their state, goals and parameters."""
@@ -319,6 +325,7 @@ class Simulator(Observed):
                 f"{(len(state), self.dof)}, got {state.wire.shape} and {state.magnet.shape}"
             )
         self._checked_lanes(state.lanes, "state.lanes")
+        self._setting(state.magnet, len(state))
         for name, array in (("wire", state.wire), ("magnet", state.magnet), ("time", state.time)):
             if not np.isfinite(array).all():
                 raise ValueError(f"state.{name} must be finite, got NaN or infinity")
@@ -336,6 +343,16 @@ class Simulator(Observed):
             raise ValueError(f"{name} must lie in [0, {self.num_envs - 1}], got {array.tolist()}")
         return array.astype(np.int64, copy=False)
 
+    def _setting(self, value: np.ndarray, n: int) -> np.ndarray:
+        """Where a rig is put, (n, dof) rad, m or A."""
+        array = self._checked(value, n, "magnet")
+        if array.size and np.abs(array).max() > FARTHEST_SETTING:
+            raise ValueError(
+                f"magnet must lie within ±{FARTHEST_SETTING:g} (rad for turns, m for slides), "
+                f"got {array.flat[np.abs(array).argmax()]:g}"
+            )
+        return array
+
     def _checked(self, value: np.ndarray, n: int, name: str) -> np.ndarray:
         array = np.asarray(value, dtype=np.float64)
         if array.shape != (n, self.dof):
@@ -347,6 +364,9 @@ class Simulator(Observed):
             )
         return array
 
+
+FARTHEST_SETTING = 1e6
+"""rad, m or A. From farther round, an angle's sine would be lost in rounding."""
 
 _TRIED = (
     ROW.travelled, ROW.remaining, ROW.speed, ROW.drive, ROW.lateral, ROW.torque, ROW.wall, ROW.unconverged,

@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import os
 import threading
+from collections import deque
 from collections.abc import Callable, Sequence
-from queue import SimpleQueue
+from contextlib import suppress
+from operator import length_hint
+from queue import Empty, SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -38,20 +41,55 @@ def share_out(
     if parts == 1 or _forked:
         run(blocks, workspaces[0])
         return
-    jobs = _queue()
-    done: SimpleQueue[BaseException | None] = SimpleQueue()
+    jobs, others = _queue(), _Others(parts - 1)
     ends = [len(blocks) * i // parts for i in range(parts + 1)]
-    for i in range(1, parts):
-        jobs.put((run, blocks[ends[i] : ends[i + 1]], workspaces[i], done))
-    failures = []
+    asked = iter([(run, blocks[ends[i] : ends[i + 1]], workspaces[i], others.tell, i - 1) for i in range(1, parts)])
+    failure: BaseException | None = None
     try:
-        run(blocks[: ends[1]], workspaces[0])
+        try:
+            deque(map(jobs.put, asked), maxlen=0)  # all of them or, if Ctrl-C comes before, none
+            run(blocks[: ends[1]], workspaces[0])
+        except BaseException as own:
+            failure = own
     finally:
-        for _ in range(1, parts):  # whatever happens here: nobody may still be writing when this returns
-            failures.append(done.get())
-    for failure in failures:
-        if failure is not None:
-            raise failure
+        late = others.wait() if length_hint(asked) == 0 else None
+    failure = failure or late
+    if failure is not None:
+        raise failure
+
+
+class _Others:
+    """Waits until the other threads' parts have ended: nobody may still be writing when a step returns.
+
+    A second Ctrl-C comes while one waits after the first. So each part leaves its outcome in a place of its own, and
+    an interrupted wait looks there again.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._outcomes: list[Any] = [_RUNNING] * count
+        self._news: SimpleQueue[None] = SimpleQueue()
+
+    def tell(self, part: int, outcome: BaseException | None) -> None:
+        """A part has ended, by a failure or not."""
+        self._outcomes[part] = outcome
+        self._news.put(None)
+
+    def wait(self) -> BaseException | None:
+        """Returns the first failure, or None; an interrupt while waiting counts as one."""
+        stopped: BaseException | None = None
+        while True:
+            try:
+                while any(outcome is _RUNNING for outcome in self._outcomes):
+                    with suppress(Empty):
+                        self._news.get(timeout=None if stopped is None else 0.01)
+                break
+            except BaseException as interrupt:
+                stopped = interrupt
+        failures = (outcome for outcome in self._outcomes if isinstance(outcome, BaseException))
+        return next(failures, stopped)
+
+
+_RUNNING = object()
 
 
 def cores() -> int:
@@ -71,14 +109,14 @@ def _queue() -> SimpleQueue:
 
 def _work(jobs: SimpleQueue) -> None:
     while True:
-        run, blocks, workspace, done = jobs.get()
+        run, blocks, workspace, tell, part = jobs.get()
         try:
             run(blocks, workspace)
         except BaseException as failure:
-            done.put(failure)
+            tell(part, failure)
         else:
-            done.put(None)
-        del run, blocks, workspace, done  # no array is kept alive by an idle worker
+            tell(part, None)
+        del run, blocks, workspace, tell  # no array is kept alive by an idle worker
 
 
 def _after_fork() -> None:
