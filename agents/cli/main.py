@@ -35,7 +35,7 @@ class Evaluate:
     """Evaluate a trained model or a controller over a fixed list of episode seeds."""
 
     policy: tyro.conf.Positional[str]
-    """A run's or policy's folder, a controller's name, such as MaxForce, or module:Class for one of your own."""
+    """A run's or policy's folder, an SB3 .zip, a controller's name, such as MaxForce, or module:thing of your own."""
     task: str | None = None
     """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     episodes: int = 200
@@ -44,6 +44,8 @@ class Evaluate:
     """A TOML file or a shipped name, in place of the task's scenario."""
     split: Literal["train", "test", "ood"] = "test"
     """Split of a generated task's tracts; the first ones are used, each once."""
+    env_kwargs: tuple[str, ...] = ()
+    """key=value for the env: observe, action_mode, reward, safety, coupling, time_limit, split, pool_size, scenario."""
     par: bool = True
     """Score against Optimal on the same starts; the first time, this takes minutes."""
     out: Path | None = None
@@ -57,7 +59,7 @@ class Robustness:
     """Sweep friction, remanence, the magnet's place, force noise and delay; write a heat map and its numbers."""
 
     policy: tyro.conf.Positional[str]
-    """A run's or policy's folder, a controller's name, or module:Class."""
+    """A run's or policy's folder, an SB3 .zip, a controller's name, or module:thing of your own."""
     task: str | None = None
     """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     episodes: int = 50
@@ -66,6 +68,8 @@ class Robustness:
     """A TOML file or a shipped name, in place of the task's scenario."""
     split: Literal["train", "test", "ood"] = "test"
     """Split of a generated task's tracts."""
+    env_kwargs: tuple[str, ...] = ()
+    """key=value for the env: observe, action_mode, reward, safety, coupling, time_limit, split, pool_size, scenario."""
     par: bool = True
     """Score against Optimal without disturbance; otherwise against the policy itself without disturbance."""
     out: Path = Path("robustness")
@@ -85,7 +89,7 @@ class Benchmark:
     only: tuple[str, ...] = ()
     """Only cells whose name contains one of these patterns, such as "evaluate Steer MPPI" or "train*ppo"."""
     controllers: tuple[str, ...] = ()
-    """Controllers of your own that take part, as module:Class."""
+    """Policies of your own that take part, as module:thing."""
     again: bool = False
     """Make finished cells again; with --only, those."""
     dry_run: bool = False
@@ -132,7 +136,7 @@ def _entrant(options: Evaluate | Robustness) -> Entrant:
     from agents.catalogue import resolve
 
     whole("episodes", options.episodes, 1)
-    return resolve(options.policy, options.task, options.scenario, options.split, options.trust)
+    return resolve(options.policy, options.task, options.scenario, options.split, options.trust, options.env_kwargs)
 
 
 def robustness(options: Robustness) -> None:
@@ -258,6 +262,8 @@ def figures(options: Figures) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run one subcommand; bad input ends with one line and status 1."""
+    if str(Path.cwd()) not in sys.path and "" not in sys.path:
+        sys.path.append(str(Path.cwd()))  # where a user's own modules are; last, so that it hides no other
     run = _RUN | view_cli.RUN
     commands: list[Any] = [Annotated[kind, tyro.conf.subcommand(kind.__name__.lower())] for kind in run]
     options: Any = tyro.cli(reduce(or_, commands), prog="magwire", description=__doc__, args=arguments)

@@ -11,7 +11,7 @@ import numpy as np
 
 import magwire_env  # noqa: F401  (registers the ids)
 from magwire_env.envs.core import SteeringCore
-from magwire_env.envs.task import TASKS
+from magwire_env.envs.task import TASKS, known_task
 from magwire_env.quasistatic.pool import scenario_pool
 
 from .episodes import EVALUATION_SEED, built
@@ -185,8 +185,8 @@ def evaluate(
 
 def make_batch(task: str, episodes: int, env_settings: dict[str, Any]) -> gym.vector.VectorEnv:
     """The batch of an evaluation; `evaluate` says which tracts a generated task has."""
-    settings = dict(env_settings)
-    kind = TASKS[task].pool if task in TASKS else None
+    settings, task = dict(env_settings), known_task(task)
+    kind = TASKS[task].pool
     if kind is not None and settings.get("scenario") is None:
         settings.pop("pool_size", None)
         settings["scenario"] = list(scenario_pool(kind, settings.pop("split", "train"), episodes))

@@ -14,7 +14,7 @@ import numpy as np
 from ..lumen.curve import Tract
 from ..physics.checks import one_of, positive
 from ..physics.guidewire import Guidewire
-from ..physics.magnets import BlockMagnet, CylinderMagnet, PointDipole
+from ..physics.magnets import BlockMagnet, CylinderMagnet
 from ..physics.ranges import counted, ranged, ranged_vector
 from . import steps, toml
 from .rig import ActuatedMagnet, Coil, Current, Rig, Slide, Turn, cheapest_rule

@@ -69,7 +69,7 @@ HEAD = PAPER.dumps()
         (HEAD.replace("friction = 0.05", "friction = 'text'").encode(), "Contact.friction must be a number"),
         (("name = " + "[" * 100_000).encode(), "mine.toml is not valid TOML"),
         (b"name = '\xff\xfe'", "mine.toml must be text in UTF-8"),
-        (HEAD.replace("control_period = 0.1", "control_period = 0.1\nsubsteps = 1000000000").encode(), "Timing.substeps must lie in"),
+        (HEAD.replace("[timing]", "[timing]\nsubsteps = 1000000000").encode(), "Timing.substeps must lie in"),
         (HEAD.replace("delay = 0", "delay = 1000000000").encode(), "Sensing.delay must lie in"),
         (HEAD.replace('"fitted",\n    21,', '"grid",\n    [10000, 10000, 10000],').encode(), "at most 200000 dipoles"),
     ],
