@@ -224,8 +224,8 @@ class Simulator(Observed):
 
         command : (num_envs, dof), rad for turns and m for slides; the servos move there at their limited speeds
 
-        Raises `ValueError`, before anything moves, for a command of another shape or that is not finite. After Ctrl-C
-        in the middle of a step some wires may have moved and others not: reset them, or put a state back.
+        Raises `ValueError`, before anything moves, for a command of another shape or that is not finite. Ctrl-C in
+        a step takes effect at its end.
         """
         self.command[:] = self._checked(command, self.num_envs, "command").T
         self.advance()

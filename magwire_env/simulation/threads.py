@@ -6,13 +6,12 @@ so the same bits, as in one thread. After a fork the child has no worker threads
 
 from __future__ import annotations
 
+import _signal  # what `signal` wraps: its own functions make enums of handlers, for 10 µs a call
 import os
+import signal
 import threading
-from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import suppress
-from operator import length_hint
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -41,55 +40,69 @@ def share_out(
     if parts == 1 or _forked:
         run(blocks, workspaces[0])
         return
-    jobs, others = _queue(), _Others(parts - 1)
+    jobs = _queue()
+    done: SimpleQueue[BaseException | None] = SimpleQueue()
     ends = [len(blocks) * i // parts for i in range(parts + 1)]
-    asked = iter([(run, blocks[ends[i] : ends[i + 1]], workspaces[i], others.tell, i - 1) for i in range(1, parts)])
-    failure: BaseException | None = None
-    try:
+    failures = []
+    with _SignalsWait():
+        for i in range(1, parts):
+            jobs.put((run, blocks[ends[i] : ends[i + 1]], workspaces[i], done))
         try:
-            deque(map(jobs.put, asked), maxlen=0)  # all of them or, if Ctrl-C comes before, none
             run(blocks[: ends[1]], workspaces[0])
-        except BaseException as own:
-            failure = own
-    finally:
-        late = others.wait() if length_hint(asked) == 0 else None
-    failure = failure or late
-    if failure is not None:
-        raise failure
+        finally:  # nobody may still be writing when this returns
+            for _ in range(1, parts):
+                failures.append(done.get())
+    for failure in failures:
+        if failure is not None:
+            raise failure
 
 
-class _Others:
-    """Waits until the other threads' parts have ended: nobody may still be writing when a step returns.
+class _SignalsWait:
+    """Signals that raise, such as Ctrl-C, take effect at the end of what is done within.
 
-    A second Ctrl-C comes while one waits after the first. So each part leaves its outcome in a place of its own, and
-    an interrupted wait looks there again.
+    Anywhere in it one could leave threads at work on arrays that the caller believes to be at rest: a third of the
+    steps that Ctrl-C met twice did.
     """
 
-    def __init__(self, count: int) -> None:
-        self._outcomes: list[Any] = [_RUNNING] * count
-        self._news: SimpleQueue[None] = SimpleQueue()
-
-    def tell(self, part: int, outcome: BaseException | None) -> None:
-        """A part has ended, by a failure or not."""
-        self._outcomes[part] = outcome
-        self._news.put(None)
-
-    def wait(self) -> BaseException | None:
-        """Returns the first failure, or None; an interrupt while waiting counts as one."""
-        stopped: BaseException | None = None
-        while True:
+    def __enter__(self) -> None:
+        self._came: list[int] = []
+        self._before: dict[int, Any] = {}
+        if threading.current_thread() is threading.main_thread():  # no other is interrupted
             try:
-                while any(outcome is _RUNNING for outcome in self._outcomes):
-                    with suppress(Empty):
-                        self._news.get(timeout=None if stopped is None else 0.01)
-                break
-            except BaseException as interrupt:
-                stopped = interrupt
-        failures = (outcome for outcome in self._outcomes if isinstance(outcome, BaseException))
-        return next(failures, stopped)
+                for number in _RAISING:
+                    handler = _signal.getsignal(number)
+                    if callable(handler):
+                        self._before[number] = handler
+                        _signal.signal(number, self._note)
+            except BaseException:
+                self._put_back()
+                raise
+
+    def _note(self, number: int, _: Any) -> None:
+        self._came.append(number)
+
+    def _put_back(self) -> None:
+        for number, handler in self._before.items():
+            _signal.signal(number, handler)
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            self._put_back()
+        except BaseException:  # another one came just now
+            self._put_back()
+            raise
+        self._deliver(self._came)
+
+    def _deliver(self, came: list[int]) -> None:
+        """Each signal to its own handler, also where the one before it raised."""
+        if came:
+            try:
+                self._before[came[0]](came[0], None)
+            finally:
+                self._deliver(came[1:])
 
 
-_RUNNING = object()
+_RAISING = [int(getattr(signal, name)) for name in ("SIGINT", "SIGTERM", "SIGALRM") if hasattr(signal, name)]
 
 
 def cores() -> int:
@@ -109,14 +122,14 @@ def _queue() -> SimpleQueue:
 
 def _work(jobs: SimpleQueue) -> None:
     while True:
-        run, blocks, workspace, tell, part = jobs.get()
+        run, blocks, workspace, done = jobs.get()
         try:
             run(blocks, workspace)
         except BaseException as failure:
-            tell(part, failure)
+            done.put(failure)
         else:
-            tell(part, None)
-        del run, blocks, workspace, tell  # no array is kept alive by an idle worker
+            done.put(None)
+        del run, blocks, workspace, done  # no array is kept alive by an idle worker
 
 
 def _after_fork() -> None:

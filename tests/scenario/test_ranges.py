@@ -24,7 +24,7 @@ from magwire_env.scenario import (
 PAPER = Scenario.paper()
 PARTS = {
     "Guidewire": PAPER.wire, "Tract": PAPER.tract, "BlockMagnet": BlockMagnet((0.05, 0.05, 0.05), 1.3),
-    "CylinderMagnet": PAPER.tip, "PointDipole": PointDipole(1.0), "Contact": PAPER.contact, "Timing": PAPER.timing,
+    "CylinderMagnet": PAPER.tip, "PointDipole": PointDipole(1.0), "Contact": PAPER.contact, "Timing": Timing(),
     "ActuatedMagnet": PAPER.rig.magnets[0], "Turn": Turn(), "Slide": Slide("x", -1.0, 1.0), "Current": Current(),
     "Coil": Coil("x"), "Reading": Reading(), "Sensing": Sensing(), "Variation": Variation(), "Scenario": PAPER,
 }  # fmt: skip

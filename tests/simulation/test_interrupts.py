@@ -3,7 +3,6 @@
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -13,18 +12,19 @@ from magwire_env.simulation.threads import share_out
 
 
 @pytest.fixture
-def two_interrupts() -> Iterator[Callable[[float, float], None]]:
-    """Call it to be interrupted after so many s, and then once more after so many."""
-    second = [0.0]
+def alarms() -> Iterator[Callable[[float, int], None]]:
+    """Call it to be interrupted after so many s, and so many times, 30 ms apart."""
+    left = [0]
 
     def interrupt(*_) -> None:
-        signal.setitimer(signal.ITIMER_REAL, second[0])
-        second[0] = 0.0
+        left[0] -= 1
+        if left[0] <= 0:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
         raise KeyboardInterrupt
 
-    def ask(first: float, after: float) -> None:
-        second[0] = after
-        signal.setitimer(signal.ITIMER_REAL, first)
+    def ask(first: float, times: int) -> None:
+        left[0] = times
+        signal.setitimer(signal.ITIMER_REAL, first, 0.03 if times > 1 else 0.0)
 
     before = signal.signal(signal.SIGALRM, interrupt)
     yield ask
@@ -32,7 +32,7 @@ def two_interrupts() -> Iterator[Callable[[float, float], None]]:
 
 
 @pytest.mark.parametrize("first", [0.02, 0.05])
-def test_two_interrupts_while_a_thread_still_works(two_interrupts, first):
+def test_interrupts_while_another_thread_still_works(alarms, first):
     written = []
 
     def run(blocks: np.ndarray, slow: bool) -> None:
@@ -40,7 +40,7 @@ def test_two_interrupts_while_a_thread_still_works(two_interrupts, first):
             time.sleep(0.2)
             written.append(time.perf_counter())
 
-    two_interrupts(first, 0.03)
+    alarms(first, 2)
     with pytest.raises(KeyboardInterrupt):
         share_out(run, np.arange(16), [False, True], 2)
     returned = time.perf_counter()
@@ -49,25 +49,29 @@ def test_two_interrupts_while_a_thread_still_works(two_interrupts, first):
     assert written[0] <= returned
 
 
-def test_a_step_after_an_interrupted_one_is_right(two_interrupts):
+def test_an_interrupted_step_is_a_whole_one(alarms):
     command = np.full((1024, 1), 4.0)
     sim, rng = Simulator(Scenario.paper(), num_envs=1024, threads=2), np.random.default_rng(0)
     sim.step(command)
     start, began = sim.state(), time.perf_counter()
     sim.step(command)
     took, moved = time.perf_counter() - began, sim.state()
-    hits = 0
+    whole = 0
+
+    def until_interrupted() -> None:
+        alarms(rng.uniform(1e-5, took), 1)
+        for _ in range(1000):
+            sim.load_state(start)
+            sim.step(command)
+
     for _ in range(60):
-        sim.load_state(start)
-        try:
-            two_interrupts(rng.uniform(1e-5, 0.5 * took), 1e-5)
-            for _ in range(100):
-                sim.step(command)
-        except KeyboardInterrupt:
-            hits += 1
-        with suppress(KeyboardInterrupt):
-            time.sleep(1e-3)  # for the second one, if it did not come
+        with pytest.raises(KeyboardInterrupt):
+            until_interrupted()
+        left = sim.state()
+        time.sleep(took)
+        assert sim.state() == left  # nobody wrote meanwhile
+        whole += left == moved
         sim.load_state(start)
         sim.step(command)
         assert sim.state() == moved
-    assert hits == 60
+    assert whole > 5
