@@ -16,7 +16,7 @@ from ..physics.checks import one_of, positive
 from ..physics.guidewire import Guidewire
 from ..physics.magnets import BlockMagnet, CylinderMagnet
 from ..physics.ranges import counted, ranged, ranged_vector
-from . import steps, toml
+from . import plausible, steps, toml
 from .rig import ActuatedMagnet, Coil, Current, Rig, Slide, Turn, cheapest_rule
 from .sensing import Reading, Sensing, Variation
 
@@ -123,23 +123,40 @@ class Scenario:
                 f"Scenario.wire.length must be less than the tract's {self.tract.length:.4g} m, "
                 f"got {self.wire.length:g} m"
             )
-        centreline = self.tract.position(np.linspace(0.0, self.tract.length, 4 * len(self.tract.table)))
+        plausible.check(self)
         magnets, distances = [], []
-        for i, mount in enumerate(self.rig.magnets):
-            distance = mount.distance_to(centreline) - 3**0.5 * self.variation.placement
-            clear = mount.magnet.reach + self.tract.widest
-            if distance < clear:
-                raise ValueError(
-                    f"Scenario.rig.magnets[{i}].position must keep the magnet's centre at least {clear:.4g} m from the "
-                    f"centreline, or the turning magnet enters the tract, got {distance:.4g} m from {mount.position} m"
-                )
-            if not mount.dipoles:
-                mount = dataclasses.replace(mount, dipoles=cheapest_rule(mount.magnet, distance))
+        for mount, distance in zip(self.rig.magnets, self._distances, strict=True):
+            if distance >= self._clear(mount):
+                if not mount.dipoles:
+                    mount = dataclasses.replace(mount, dipoles=cheapest_rule(mount.magnet, distance))
+                distances.append(distance)
             magnets.append(mount)
-            distances.append(distance)
         object.__setattr__(self, "rig", Rig(tuple(magnets), self.rig.coils))
-        if self.model == "locked":
+        if self.model == "locked" and len(distances) == len(magnets):
             steps.check(self, distances)
+
+    @cached_property
+    def _distances(self) -> list[float]:
+        """Smallest distance from the centreline to each magnet's centre, m."""
+        centreline = self.tract.position(np.linspace(0.0, self.tract.length, 4 * len(self.tract.table)))
+        return [m.distance_to(centreline) - 3**0.5 * self.variation.placement for m in self.rig.magnets]
+
+    def _clear(self, mount: ActuatedMagnet) -> float:
+        """How far a magnet's centre must stay away from the centreline, m."""
+        return mount.magnet.reach + self.tract.widest
+
+    def check_placed(self) -> None:
+        """Raise `ValueError` where a magnet reaches into the tract.
+
+        Such a scenario can be made, so that a tract can be replaced before the magnets are moved, but not simulated.
+        """
+        for i, (mount, distance) in enumerate(zip(self.rig.magnets, self._distances, strict=True)):
+            if distance < self._clear(mount):
+                raise ValueError(
+                    f"Scenario.rig.magnets[{i}].position must keep the magnet's centre at least "
+                    f"{self._clear(mount):.4g} m from the centreline, or the turning magnet enters the tract, got "
+                    f"{distance:.4g} m from {mount.position} m; magwire_env.quasistatic.best_placement finds a place"
+                )
 
     @property
     def substeps(self) -> int:
@@ -209,23 +226,26 @@ class Scenario:
         return dataclasses.replace(self, **flat)
 
     def save(self, path: str | Path) -> None:
-        """Write the scenario as TOML; a tract is stored by its points, so the file stands alone."""
+        """Write the scenario as TOML, for people too; a tract is stored by its points, so the file stands alone."""
         Path(path).write_text(self.dumps(), encoding="utf-8")
 
     def dumps(self) -> str:
         """The text that `save` writes."""
-        return toml.text_of(self)
+        from .toml_text import text_of
+
+        return text_of(self)
 
     @classmethod
     def loads(cls, text: str, where: str = "the scenario") -> Scenario:
-        """Read a scenario from TOML text; `where` names it in errors, which are those of `load`."""
+        """Read a scenario from TOML text, which may name no files; errors as `load`'s, in which `where` names it."""
         return toml.from_text(cls, text, where)
 
     @classmethod
     def load(cls, path: str | Path) -> Scenario:
         """Read a scenario from a TOML file, or a shipped one by name (``Scenario.load("paper")``).
 
-        Raises `ValueError` naming an unknown, missing or impossible entry, `FileNotFoundError` if there is no file.
+        `magwire_env.scenario.toml` says what a file may leave out. Raises `ValueError` naming all entries that are
+        unknown, missing or impossible, `FileNotFoundError` if there is no file.
         """
         return toml.from_file(cls, path)
 
