@@ -15,6 +15,8 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TextIO
 
+from magwire_env.progress import Progress
+
 from ..learning.run_folder import locked
 from ..processes import PATIENCE, end_with_parent, sigterm_as_ctrl_c
 from .plan import Cell, Plan
@@ -77,23 +79,26 @@ def _run(plan: Plan, cells: Sequence[Cell], out: Path, workers: int) -> list[Cel
     context = multiprocessing.get_context("spawn")
     started = time.time()
     try:
-        while waiting or running:
-            for slot in set(range(workers)) - set(running):
-                ready = next((job for job in waiting if not job.needs & undone), None)
-                if ready is None:
-                    break
-                waiting.remove(ready)
-                with _one_thread():
-                    process = context.Process(target=_work, args=(plan, ready.cells, out, slot, workers))
-                    process.start()
-                running[slot] = process, ready
-            wait([process.sentinel for process, _ in running.values()])
-            for slot, (ended, job) in list(running.items()):
-                if not ended.is_alive():
-                    ended.join()
-                    del running[slot]
-                    undone -= set(job.cells)
-                    failed += _failures(plan, job, out, ended.exitcode, started)
+        with Progress("making the benchmark's cells", len(cells)) as progress:
+            while waiting or running:
+                for slot in set(range(workers)) - set(running):
+                    ready = next((job for job in waiting if not job.needs & undone), None)
+                    if ready is None:
+                        break
+                    waiting.remove(ready)
+                    with _one_thread():
+                        process = context.Process(target=_work, args=(plan, ready.cells, out, slot, workers))
+                        process.start()
+                    running[slot] = process, ready
+                progress.stage = "now " + " and ".join(job.cells[0].name for _, job in running.values())
+                wait([process.sentinel for process, _ in running.values()])
+                for slot, (ended, job) in list(running.items()):
+                    if not ended.is_alive():
+                        ended.join()
+                        del running[slot]
+                        undone -= set(job.cells)
+                        failed += _failures(plan, job, out, ended.exitcode, started)
+                progress.done = len(cells) - len(undone)
     except KeyboardInterrupt:
         _stop([worker for worker, _ in running.values()])
         raise

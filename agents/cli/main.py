@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+import magwire_env
 from agents.cli import view as view_cli
+from agents.cli.cache import Cache, cache
 from agents.cli.export import Export, export
 from agents.cli.train import train
 from agents.learning.config import BAD_INPUT, Algorithm, Config
@@ -93,7 +95,7 @@ class Benchmark:
     again: bool = False
     """Make finished cells again; with --only, those."""
     dry_run: bool = False
-    """Only list the cells with their state."""
+    """Only list the cells with their state, and how long those that are missing will take."""
     report_only: bool = False
     """Only write the report, from the finished cells."""
     docs: Path | None = None
@@ -164,15 +166,21 @@ def robustness(options: Robustness) -> None:
 def benchmark(options: Benchmark) -> None:
     """Make the missing cells and write the report; status 1 if a cell failed."""
     from agents.benchmark.aggregates import collect
+    from agents.benchmark.costs import estimate
     from agents.benchmark.jobs import run_cells, selected
     from agents.benchmark.plan import Plan
-    from agents.benchmark.report import write
+    from agents.benchmark.report import less_than_kept, write
 
     plan = Plan(extra=options.controllers, episodes=options.episodes, timesteps=options.timesteps, seeds=options.seeds)
     cells = selected(plan.cells(), options.only)
     states = {cell: plan.state(cell, options.out) for cell in cells}
     if options.dry_run:
         print("\n".join(f"{state:<9} {cell.name}" for cell, state in states.items()))
+        print(
+            estimate(
+                plan, [cell for cell, state in states.items() if state != "finished"], options.out, options.workers
+            )
+        )
         return
     failed = []
     if not options.report_only:
@@ -183,7 +191,11 @@ def benchmark(options: Benchmark) -> None:
         except KeyboardInterrupt:
             sys.exit("interrupted; finished cells are kept, and the same command goes on")
     data = collect(plan, options.out)
-    for path in write(data, options.docs or options.out, options.readme):
+    docs, readme = options.docs or options.out, options.readme
+    if less := less_than_kept(data, docs):
+        print(f"{docs} is kept, since {less}; the report goes to {options.out}")
+        docs, readme = options.out, None
+    for path in write(data, docs, readme):
         print(path)
     if data["missing"]:
         print(f"{len(data['missing'])} cells are missing from the report, which names them")
@@ -208,15 +220,15 @@ class Tune:
     """Seed of the search and of every training; the benchmark trains with other seeds."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
-    out: Path | None = None
-    """Folder to write to; by default agents/hyperparameters/studies."""
+    out: Path = Path("runs/studies")
+    """Folder to write to."""
 
 
 def tune(options: Tune) -> None:
     """Run the study, print a line for each trial, and print the name of the file."""
-    from agents.learning.tuning import STUDIES, tune
+    from agents.learning.tuning import tune
 
-    print(tune(**asdict(options) | {"out": options.out or STUDIES}))
+    print(tune(**asdict(options)))
 
 
 @dataclass
@@ -262,6 +274,9 @@ def figures(options: Figures) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run one subcommand; bad input ends with one line and status 1."""
+    if (sys.argv[1:] if arguments is None else arguments) == ["--version"]:
+        print(f"magwire {magwire_env.__version__}")
+        return
     if str(Path.cwd()) not in sys.path and "" not in sys.path:
         sys.path.append(str(Path.cwd()))  # where a user's own modules are; last, so that it hides no other
     run = _RUN | view_cli.RUN
@@ -275,5 +290,5 @@ def main(arguments: list[str] | None = None) -> None:
 
 _RUN: dict[type, Callable[[Any], Any]] = {
     Train: train, Export: export, Evaluate: evaluate, Robustness: robustness, Benchmark: benchmark, Tune: tune,
-    Validate: validate, Figures: figures,
+    Validate: validate, Figures: figures, Cache: cache,
 }  # fmt: skip

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from ..progress import Progress
+
 __all__ = ["FULL", "TEST", "Check", "Row", "Size", "at_least", "at_most", "format_table", "run", "table"]
 
 
@@ -105,7 +107,13 @@ class Check:
 
 def run(checks: Iterable[Check], size: Size = FULL) -> list[Row]:
     """Every row of `checks`, in order."""
-    return [row for check in checks for row in check.rows(size)]
+    checks, rows = tuple(checks), []
+    with Progress("checking", len(checks)) as progress:
+        for check in checks:
+            progress.stage = check.name
+            rows += check.rows(size)
+            progress.done += 1
+    return rows
 
 
 def table(rows: Iterable[Row], markdown: bool = False) -> str:

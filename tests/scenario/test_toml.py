@@ -231,8 +231,8 @@ def test_a_tract_can_be_replaced_before_the_magnet_is_placed():
     position, found = best_placement(arch, keep_out=0.09)
     assert best_placement(arch)[1].weakest[1] > 0  # by default just clear of the tract
     assert found.solvable
-    (mount,) = arch.rig.magnets
-    placed = arch.replace(rig=Rig((ActuatedMagnet(mount.magnet, position, mount.dofs),)))
+    placed = arch.replace(rig=arch.rig.moved(position))
+    (mount,) = placed.rig.magnets
     placed.check_placed()
     line = placed.tract.position(np.linspace(0.0, placed.tract.length, 2000))
     assert mount.magnet.reach + placed.tract.widest <= placed.rig.magnets[0].distance_to(line) + 1e-6
