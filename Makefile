@@ -1,4 +1,6 @@
 # make train: install what is needed, train the default policy, print the table.
+# make shell: a shell in which `magwire` and `python` are those of .venv.
+# make docs:  the pages of docs/ with an API reference, as a site in site/.
 # make test:  install what is needed, run the whole suite.
 # make bench: the speed benchmarks, ratios from one run.
 # make pictures: the README's pictures anew.
@@ -9,10 +11,20 @@ VENV   := .venv
 PY     := $(VENV)/bin/python
 PIP    := $(PY) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: train test lint bench pictures floors clean
+.PHONY: train shell docs test lint bench pictures floors clean
 
 train: $(VENV)/train.stamp
 	$(PY) train.py $(ARGS)
+	@echo
+	@echo "Next, in this environment:   . $(VENV)/bin/activate      (or: make shell)"
+	@echo "Then, for example:           magwire --help"
+
+shell: $(VENV)/train.stamp
+	@. $(VENV)/bin/activate && exec "$${SHELL:-/bin/sh}"
+
+docs: $(VENV)/docs.stamp
+	$(PY) -m mkdocs build --strict --quiet
+	@echo "open site/index.html"
 
 test: $(VENV)/test.stamp
 	$(PY) -m pytest -n 2 $(ARGS)
@@ -39,13 +51,17 @@ floors:
 	cd tests && ../$(VENV)-floor/bin/python -P floors.py --train
 
 clean:
-	rm -rf $(VENV) $(VENV)-floor build dist *.egg-info
+	rm -rf $(VENV) $(VENV)-floor site build dist *.egg-info
 
 # torch first and alone: a pinned version resolves to the CPU build where one is at hand, a range may not.
 $(VENV)/train.stamp: pyproject.toml constraints.txt
 	test -x $(PY) || $(PYTHON) -m venv $(VENV)
 	$(PIP) torch==2.13.0
 	$(PIP) --editable '.[train]'
+	touch $@
+
+$(VENV)/docs.stamp: $(VENV)/train.stamp
+	$(PIP) --editable '.[train,docs]'
 	touch $@
 
 $(VENV)/test.stamp: $(VENV)/train.stamp

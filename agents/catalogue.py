@@ -16,20 +16,20 @@ A controller of your own needs no edit of this package. Give its class to `regis
 [True, True]
 >>> del CONTROLLERS["AtHome"]
 
-Commands take such a class as ``module:Class``; the module need only be importable:
+Commands take such a class as ``module:Class`` or ``file.py:Class``, and other policies too: see `agents.policies`.
 
-    magwire evaluate my_controllers:AtHome --task MagWire/Chase-v0
+    magwire evaluate my_controllers.py:AtHome --task MagWire/Chase-v0
     magwire benchmark --controllers my_controllers:AtHome --only AtHome
 """
 
 from __future__ import annotations
 
-import importlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from magwire_env.envs.task import TASKS
+from magwire_env.envs.task import TASKS, known_task
 from magwire_env.render.extra import need
 
 from .controllers import (
@@ -42,7 +42,9 @@ from .controllers import (
     NetForce,
     Random,
 )
+from .env_kwargs import parsed, world
 from .par.optimal import Optimal
+from .policies import own_policy
 
 __all__ = ["CONTROLLERS", "FLOORS", "PAR", "REFERENCE", "Entrant", "controller", "register_controller", "resolve"]
 
@@ -83,23 +85,14 @@ def register_controller(kind: C, name: str | None = None) -> C:
     return kind
 
 
-def controller(name: str) -> type[Controller] | None:
-    """The class of a controller, given by its name or as ``module:Class``; None for anything else.
+def controller(name: str) -> Any:
+    """What has ``from_env(env)`` under a controller's name or as ``module:thing``; None for anything else.
 
-    Raises `ValueError` for a module that cannot be imported, or one without such a class.
+    Raises `ValueError` for a module that cannot be imported, or one without such a thing: see `agents.policies`.
     """
     if name in CONTROLLERS:
         return CONTROLLERS[name]
-    module, colon, attribute = name.partition(":")
-    if not colon or Path(name).exists():
-        return None
-    try:
-        found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise ValueError(f"policy must be an importable module:Class, got {name!r}: {error}") from error
-    if not callable(getattr(found, "from_env", None)):
-        raise ValueError(f"policy must name a class with from_env(env), such as a Controller, got {name!r}")
-    return found
+    return own_policy(name) if ":" in name and not Path(name).exists() else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,37 +113,53 @@ class Entrant:
     @property
     def same_episodes(self) -> dict[str, Any]:
         """Keyword arguments of an env with the same episodes and the task's own observation and action."""
-        return {key: value for key, value in self.settings.items() if key in ("scenario", "split")}
+        return world(self.settings)
 
 
 def resolve(
-    policy: str, task: str | None = None, scenario: str | None = None, split: str | None = None, trust: bool = False
+    policy: str,
+    task: str | None = None,
+    scenario: str | None = None,
+    split: str | None = None,
+    trust: bool = False,
+    env_kwargs: Sequence[str] = (),
 ) -> Entrant:
-    """The policy of a name: a controller's, ``module:Class``, or a run's or policy's folder.
+    """The policy of a name: a controller's, ``module:thing``, a run's or policy's folder, or an SB3 zip file.
 
-    task : by default the policy's own task, or MagWire/Steer-v0
+    task : by default the policy's own task, or MagWire/Steer-v0; ``module:id`` imports the module first
     scenario : a TOML file or a shipped name, in place of the task's
     split : of a generated task's tracts, unless there is a scenario
     trust : also open files that can carry a program, see `agents.learning.load`
+    env_kwargs : ``key=value`` for the env, see `agents.env_kwargs`
 
     Raises `ValueError` for a name that is none of these.
     """
+    task = None if task is None else known_task(task)
+    asked = parsed(env_kwargs)
+    if scenario is not None and asked.setdefault("scenario", scenario) != scenario:
+        raise ValueError(f"scenario must be given once, got {scenario!r} and env-kwargs scenario={asked['scenario']!r}")
     settings: dict[str, Any] = {}
     made: Any
     if (kind := controller(policy)) is not None:
         made, name = kind.from_env, policy.rpartition(":")[2]
+        settings = dict(getattr(kind, "env_kwargs", {}))
     elif Path(policy).is_dir():
         need("safetensors", "a trained policy", "policy")
         from .learning import load
 
-        made, name = load(policy, trust), Path(policy).name
+        made, name = load(policy, trust), Path(policy).resolve().name
         task, settings = task or made.task, made.env_settings
+    elif Path(policy).suffix == ".zip" and Path(policy).is_file():
+        need("stable_baselines3", "a model of Stable-Baselines3", "train")
+        from .learning.sb3_zip import load_zip
+
+        made, name = load_zip(Path(policy), trust), Path(policy).stem
     else:
-        known = ", ".join(CONTROLLERS)
-        raise ValueError(f"policy must be a run's or policy's folder, module:Class or one of {known}; got {policy!r}")
-    task = task or _DEFAULT_TASK
-    if scenario is not None:
-        settings["scenario"] = scenario
-    elif split is not None and task in TASKS and TASKS[task].pool is not None and "scenario" not in settings:
+        raise ValueError(
+            "policy must be a run's or policy's folder, an SB3 .zip, module:thing or one of "
+            f"{', '.join(CONTROLLERS)}; got {policy!r}"
+        )
+    task, settings = task or _DEFAULT_TASK, settings | asked
+    if split is not None and TASKS[task].pool is not None and "scenario" not in settings and "split" not in asked:
         settings["split"] = split
     return Entrant(made, name, task, settings)

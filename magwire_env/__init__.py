@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
+from gymnasium.envs.registration import WrapperSpec
 
 if TYPE_CHECKING:
     from .scenario import Scenario
@@ -36,6 +37,7 @@ gym.register(
     id="MagWire/ReachGoal-v0",
     entry_point="magwire_env.envs.goal_env:MagWireGoalEnv",
     kwargs={"task": "MagWire/Reach-v0"},
+    additional_wrappers=(WrapperSpec("GoalReward", "magwire_env.envs.goal_env:GoalReward", kwargs={}),),
 )
 
 

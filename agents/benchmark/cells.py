@@ -120,10 +120,11 @@ def _par(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
 def _decide(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
     """Times of single decisions in one env, ms. The first few are left out, because they compile and tabulate."""
     arena, count = plan.arena(cell.arena), plan.settings(cell)["decisions"]
-    settings: dict[str, Any] = arena.env | ({"pool_size": 1} if arena.split is not None else {})
+    own = resolve(cell.policy)
+    settings: dict[str, Any] = own.settings | arena.env | ({"pool_size": 1} if arena.split is not None else {})
     env = gym.make(arena.task, **settings)
     observation, _ = env.reset(seed=EVALUATION_SEED)
-    policy, refusal = _built_or_refused(resolve(cell.policy).policy, env)
+    policy, refusal = _built_or_refused(own.policy, env)
     if refusal:
         return {"not_applicable": refusal}
     state, start, times = None, np.ones(1, dtype=np.bool_), []

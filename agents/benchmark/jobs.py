@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
+from magwire_env.progress import Progress
+
 from ..engines import Outcome, Task, engine, run
 from ..engines.shared import Shared
 from ..learning.run_folder import locked
@@ -92,8 +94,10 @@ def run_cells(
                         with _opened(cell.log(out)) as log:
                             log.write(f"{type(outcome.failure).__name__}: {outcome.failure}\n")
                 print(_said(plan, cell, out, cell in failed), flush=True)
+            progress.done += len(made)
 
-        run(chosen, tasks, told)
+        with Progress("making the benchmark's cells", len(cells)) as progress:
+            run(chosen, tasks, told)
     return failed
 
 

@@ -153,7 +153,7 @@ class Cell:
 class Plan:
     """All cells, and what they are made with.
 
-    extra : further controllers, as ``module:Class``, that play in every arena open to all
+    extra : further policies, as ``module:thing``, that play in every arena open to all
     episodes, timesteps, seeds : upper limits on the arenas' and learners' own numbers, to try things out
     """
 
@@ -171,7 +171,7 @@ class Plan:
                 whole(name, getattr(self, name), 1)
         for name in self.extra:
             if controller(name) is None:
-                raise ValueError(f"controllers must be classes given as module:Class, got {name!r}")
+                raise ValueError(f"controllers must be policies given as module:thing, got {name!r}")
 
     def arena(self, name: str) -> Arena:
         """The arena of this name."""

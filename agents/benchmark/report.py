@@ -11,7 +11,7 @@ from typing import Any
 from .plan import plain_name
 from .plots import draw, heat_map_name
 
-__all__ = ["MARKS", "insert", "markdown", "readme_table", "text_of", "write"]
+__all__ = ["MARKS", "insert", "less_than_kept", "markdown", "readme_table", "text_of", "write"]
 
 MARKS = ("<!-- benchmark:begin -->", "<!-- benchmark:end -->")
 """The README's table is between these two lines."""
@@ -39,6 +39,16 @@ def write(data: dict[str, Any], docs: Path, readme: Path | None = None) -> list[
         readme.write_text(insert(readme.read_text(encoding="utf-8"), readme_table(data)), encoding="utf-8")
         files.append(readme)
     return files
+
+
+def less_than_kept(data: dict[str, Any], docs: Path) -> str:
+    """What the report that stands in `docs` has and `data` lacks, as a clause; "" if it may be written over."""
+    file = docs / "benchmark.json"
+    if not data["missing"] or not file.exists():
+        return ""
+    kept = json.loads(file.read_text(encoding="utf-8"))
+    lost = sorted(set(data["missing"]) - set(kept["missing"]))
+    return f"{len(lost)} cells of its report are missing here, such as {lost[0]!r}" if lost else ""
 
 
 def text_of(data: dict[str, Any]) -> str:

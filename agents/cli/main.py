@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+import magwire_env
 from agents.cli import view as view_cli
+from agents.cli.cache import Cache, cache
 from agents.cli.export import Export, export
 from agents.cli.train import train
 from agents.learning.config import BAD_INPUT, Algorithm, Config
@@ -42,7 +44,7 @@ class Evaluate:
     """Evaluate a trained model or a controller over a fixed list of episode seeds."""
 
     policy: tyro.conf.Positional[str]
-    """A run's or policy's folder, a controller's name, such as MaxForce, or module:Class for one of your own."""
+    """A run's or policy's folder, an SB3 .zip, a controller's name, such as MaxForce, or module:thing of your own."""
     task: str | None = None
     """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     episodes: int = 200
@@ -51,6 +53,8 @@ class Evaluate:
     """A TOML file or a shipped name, in place of the task's scenario."""
     split: Literal["train", "test", "ood"] = "test"
     """Split of a generated task's tracts; the first ones are used, each once."""
+    env_kwargs: tuple[str, ...] = ()
+    """key=value for the env: observe, action_mode, reward, safety, coupling, time_limit, split, pool_size, scenario."""
     par: bool = True
     """Score against Optimal on the same starts; the first time, this takes minutes."""
     out: Path | None = None
@@ -64,7 +68,7 @@ class Robustness:
     """Sweep friction, remanence, the magnet's place, force noise and delay; write a heat map and its numbers."""
 
     policy: tyro.conf.Positional[str]
-    """A run's or policy's folder, a controller's name, or module:Class."""
+    """A run's or policy's folder, an SB3 .zip, a controller's name, or module:thing of your own."""
     task: str | None = None
     """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     episodes: int = 50
@@ -73,6 +77,8 @@ class Robustness:
     """A TOML file or a shipped name, in place of the task's scenario."""
     split: Literal["train", "test", "ood"] = "test"
     """Split of a generated task's tracts."""
+    env_kwargs: tuple[str, ...] = ()
+    """key=value for the env: observe, action_mode, reward, safety, coupling, time_limit, split, pool_size, scenario."""
     par: bool = True
     """Score against Optimal without disturbance; otherwise against the policy itself without disturbance."""
     out: Path = Path("robustness")
@@ -96,11 +102,11 @@ class Benchmark:
     only: tuple[str, ...] = ()
     """Only cells whose name contains one of these patterns, such as "evaluate Steer MPPI" or "train*ppo"."""
     controllers: tuple[str, ...] = ()
-    """Controllers of your own that take part, as module:Class."""
+    """Policies of your own that take part, as module:thing."""
     again: bool = False
     """Make finished cells again; with --only, those."""
     dry_run: bool = False
-    """Only list the cells with their state."""
+    """Only list the cells with their state, and how long those that are missing will take."""
     report_only: bool = False
     """Only write the report, from the finished cells."""
     docs: Path | None = None
@@ -143,7 +149,7 @@ def _entrant(options: Evaluate | Robustness) -> Entrant:
     from agents.catalogue import resolve
 
     whole("episodes", options.episodes, 1)
-    return resolve(options.policy, options.task, options.scenario, options.split, options.trust)
+    return resolve(options.policy, options.task, options.scenario, options.split, options.trust, options.env_kwargs)
 
 
 def robustness(options: Robustness) -> None:
@@ -171,15 +177,21 @@ def robustness(options: Robustness) -> None:
 def benchmark(options: Benchmark) -> None:
     """Make the missing cells and write the report; status 1 if a cell failed."""
     from agents.benchmark.aggregates import collect
+    from agents.benchmark.costs import estimate
     from agents.benchmark.jobs import run_cells, selected
     from agents.benchmark.plan import Plan
-    from agents.benchmark.report import write
+    from agents.benchmark.report import less_than_kept, write
 
     plan = Plan(extra=options.controllers, episodes=options.episodes, timesteps=options.timesteps, seeds=options.seeds)
     cells = selected(plan.cells(), options.only)
     states = {cell: plan.state(cell, options.out) for cell in cells}
     if options.dry_run:
         print("\n".join(f"{state:<9} {cell.name}" for cell, state in states.items()))
+        print(
+            estimate(
+                plan, [cell for cell, state in states.items() if state != "finished"], options.out, options.workers
+            )
+        )
         return
     failed = []
     if not options.report_only:
@@ -190,7 +202,11 @@ def benchmark(options: Benchmark) -> None:
         except KeyboardInterrupt:
             sys.exit("interrupted; finished cells are kept, and the same command goes on")
     data = collect(plan, options.out)
-    for path in write(data, options.docs or options.out, options.readme):
+    docs, readme = options.docs or options.out, options.readme
+    if less := less_than_kept(data, docs):
+        print(f"{docs} is kept, since {less}; the report goes to {options.out}")
+        docs, readme = options.out, None
+    for path in write(data, docs, readme):
         print(path)
     if data["missing"]:
         print(f"{len(data['missing'])} cells are missing from the report, which names them")
@@ -215,8 +231,8 @@ class Tune:
     """Seed of the search and of every training; the benchmark trains with other seeds."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
-    out: Path | None = None
-    """Folder to write to; by default agents/hyperparameters/studies."""
+    out: Path = Path("runs/studies")
+    """Folder to write to."""
     storage: str | None = None
     """Optuna's storage, in which the study goes on where it stopped and which all workers share: a journal file, or a
     database's URL. By default a journal file that lasts as long as the command."""
@@ -228,9 +244,9 @@ class Tune:
 
 def tune(options: Tune) -> None:
     """Run the study, print a line for each trial, and print the name of the file."""
-    from agents.learning.tuning import STUDIES, tune
+    from agents.learning.tuning import tune
 
-    print(tune(**asdict(options) | {"out": options.out or STUDIES}))
+    print(tune(**asdict(options)))
 
 
 def train_seeds(options: Train) -> None:
@@ -288,6 +304,11 @@ def figures(options: Figures) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run one subcommand; bad input ends with one line and status 1."""
+    if (sys.argv[1:] if arguments is None else arguments) == ["--version"]:
+        print(f"magwire {magwire_env.__version__}")
+        return
+    if str(Path.cwd()) not in sys.path and "" not in sys.path:
+        sys.path.append(str(Path.cwd()))  # where a user's own modules are; last, so that it hides no other
     run = _RUN | view_cli.RUN
     commands: list[Any] = [Annotated[kind, tyro.conf.subcommand(kind.__name__.lower())] for kind in run]
     options: Any = tyro.cli(reduce(or_, commands), prog="magwire", description=__doc__, args=arguments)
@@ -299,5 +320,5 @@ def main(arguments: list[str] | None = None) -> None:
 
 _RUN: dict[type, Callable[[Any], Any]] = {
     Train: train_seeds, Export: export, Evaluate: evaluate, Robustness: robustness, Benchmark: benchmark, Tune: tune,
-    Validate: validate, Figures: figures,
+    Validate: validate, Figures: figures, Cache: cache,
 }  # fmt: skip

@@ -15,6 +15,7 @@ import numpy as np
 
 import magwire_env  # noqa: F401  (registers the ids)
 from agents.catalogue import CONTROLLERS, PAR, REFERENCE, resolve
+from agents.env_kwargs import world
 from agents.evaluation.episodes import EVALUATION_SEED, built, episodes
 from magwire_env.plotting import BLACK, BLUE, GREEN, ORANGE, RED, SKY, blank, broken, styled
 from magwire_env.render.dofs import dofs_of
@@ -107,7 +108,7 @@ def plots(policy: Any, name: str, folder: Path, task: str, seed: int = EVALUATIO
     folder.mkdir(parents=True, exist_ok=True)
     traces = [trace(policy, name, task, seed, **settings)]
     # A trained model may have its own observation and action; a controller takes the task's.
-    settings = {k: v for k, v in settings.items() if k not in ("observe", "action_mode")}
+    settings = world(settings)
     for other in BESIDE:
         if other != name:
             traces.append(trace(CONTROLLERS[other].from_env, other, task, seed, **settings))

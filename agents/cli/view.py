@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import tyro
 
 import magwire_env
-from agents.evaluation.episodes import EVALUATION_SEED
+from agents.env_kwargs import parsed
+from agents.evaluation.episodes import EVALUATION_SEED, built
+from magwire_env.envs.task import known_task
 from magwire_env.render.extra import need
+
+if TYPE_CHECKING:
+    from agents.catalogue import Entrant
 
 __all__ = ["RUN", "Play", "Plot", "Video", "View"]
 
@@ -28,7 +34,9 @@ class Play:
     seed: int = 0
     """Seed of the first episode; the next episodes have the next numbers."""
     against: str = "MaxForce"
-    """Whose time is to be beaten: a run's or policy's folder, a controller's name, or module:Class."""
+    """Whose time is to be beaten: a run's or policy's folder, an SB3 .zip, a controller's name, or module:thing."""
+    env_kwargs: tuple[str, ...] = ()
+    """key=value for the env: observe, action_mode, reward, safety, coupling, time_limit, split, pool_size, scenario."""
     trust: bool = False
     """Also open a model.zip or pickle, which runs any program that stands in it."""
 
@@ -37,8 +45,8 @@ class Play:
 class View:
     """Serve a 3-D page for the browser: turn the magnet by hand, or watch a policy do it."""
 
-    policies: tyro.conf.Positional[tuple[Path, ...]] = ()
-    """Folders of runs or policies to choose from beside the controllers; no other can be chosen."""
+    policies: tyro.conf.Positional[tuple[str, ...]] = ()
+    """Runs, policies, SB3 .zip files or module:thing to choose from beside the controllers; no other can be chosen."""
     task: str = "MagWire/Steer-v0"
     """Environment id to begin with."""
     scenario: str | None = None
@@ -49,6 +57,8 @@ class View:
     """Port to serve on, or the next free one."""
     seed: int = 0
     """Seed of the first episode; the next episodes have the next numbers."""
+    env_kwargs: tuple[str, ...] = ()
+    """key=value for the env: observe, action_mode, reward, safety, coupling, time_limit, split, pool_size, scenario."""
     trust: bool = False
     """Also open a model.zip or pickle, which runs any program that stands in it."""
 
@@ -58,13 +68,15 @@ class Video:
     """Write a video of one evaluation episode."""
 
     policy: tyro.conf.Positional[str]
-    """A run's or policy's folder, a controller's name, or module:Class."""
+    """A run's or policy's folder, an SB3 .zip, a controller's name, or module:thing of your own."""
     task: str | None = None
     """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = EVALUATION_SEED
     """Seed of the episode."""
+    env_kwargs: tuple[str, ...] = ()
+    """key=value for the env: observe, action_mode, reward, safety, coupling, time_limit, split, pool_size, scenario."""
     speed: float = 1.0
     """Speed of the video, times real time."""
     out: Path | None = None
@@ -78,13 +90,15 @@ class Plot:
     """Plot a run: its learning curve, its way over the force map, arc length over time beside MaxForce."""
 
     policy: tyro.conf.Positional[str]
-    """A run's or policy's folder, a controller's name, or module:Class."""
+    """A run's or policy's folder, an SB3 .zip, a controller's name, or module:thing of your own."""
     task: str | None = None
     """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = EVALUATION_SEED
     """Seed of the episode."""
+    env_kwargs: tuple[str, ...] = ()
+    """key=value for the env: observe, action_mode, reward, safety, coupling, time_limit, split, pool_size, scenario."""
     out: Path | None = None
     """Folder to write to; by default the run's, or here."""
     trust: bool = False
@@ -97,24 +111,25 @@ def _play(options: Play) -> None:
     from agents.cli.pictures import trace
     from magwire_env.render.play import Game, play
 
-    settings: dict[str, Any] = {} if options.scenario is None else {"scenario": options.scenario}
-    rival = resolve(options.against, options.task, options.scenario, trust=options.trust)
+    rival = resolve(options.against, options.task, options.scenario, trust=options.trust, env_kwargs=options.env_kwargs)
 
     def time_to_beat(seed: int) -> float | None:
         """The rival's time to the goal in the episode of this seed, s; None if it does not get there."""
-        one = trace(rival.policy, rival.name, options.task, seed, **rival.settings)
+        one = trace(rival.policy, rival.name, rival.task, seed, **rival.settings)
         return one.seconds if one.success else None
 
-    play(Game(gym.make(options.task, **settings), options.seed, time_to_beat, rival.name))
+    play(Game(gym.make(rival.task, **rival.same_episodes), options.seed, time_to_beat, rival.name))
 
 
 def _view(options: View) -> None:
     need("viser", "the page in the browser")
     from magwire_env.render.browser import Page
 
-    tasks = (options.task, *(t for t in magwire_env.TASK_IDS if t != options.task))
+    first, settings = known_task(options.task), parsed(options.env_kwargs)
+    scenario = settings.pop("scenario", options.scenario)
+    tasks = (first, *(t for t in magwire_env.TASK_IDS if t != first))
     policies = _policies(options.policies, options.trust)
-    page = Page(tasks, _scenarios(options.scenario), policies, options.host, options.port, options.seed)
+    page = Page(tasks, _scenarios(scenario), policies, options.host, options.port, options.seed, settings)
     print(f"look at {page.url}; Ctrl-C ends it", flush=True)
     try:
         page.run()
@@ -132,36 +147,24 @@ def _scenarios(first: str | None) -> dict[str, Any]:
     return found | {path.stem: Scenario.load(path) for path in sorted(folder.glob("*.toml")) if path.stem != first}
 
 
-def _policies(folders: tuple[Path, ...], trust: bool) -> dict[str, Callable[[gym.Env], Any]]:
-    """Controllers, and the trained policies of `folders`, which are read before the page is there."""
+def _policies(names: tuple[str, ...], trust: bool) -> dict[str, Callable[[gym.Env], Any]]:
+    """Controllers, and the policies of `names`, which are read before the page is there."""
     from agents.catalogue import CONTROLLERS, resolve
 
     found: dict[str, Callable[[gym.Env], Any]] = {name: kind.from_env for name, kind in CONTROLLERS.items()}
-    for folder in folders:
-        if not folder.is_dir():
-            raise FileNotFoundError(f"policies must be folders of runs or policies, got {str(folder)!r}")
-        found[str(folder)] = _fitting(resolve(str(folder), trust=trust).policy)
-    return found
+    return found | {name: partial(built, resolve(name, trust=trust).policy) for name in names}
 
 
-def _fitting(policy: Any) -> Callable[[gym.Env], Any]:
-    """What gives a trained policy to an env, or says that it was trained on other observations."""
+def _entrant(options: Video | Plot) -> Entrant:
+    from agents.catalogue import resolve
 
-    def give(env: gym.Env) -> Any:
-        channels = tuple(env.unwrapped.core.observer.names)  # type: ignore[attr-defined]
-        trained = policy.about.channels
-        if (policy.size,) != env.observation_space.shape or trained != channels:
-            raise ValueError(f"it was trained to see {', '.join(trained)}; this task shows {', '.join(channels)}")
-        return policy
-
-    return give
+    return resolve(options.policy, options.task, options.scenario, None, options.trust, options.env_kwargs)
 
 
 def _video(options: Video) -> None:
-    from agents.catalogue import resolve
     from agents.cli.pictures import film
 
-    own = resolve(options.policy, options.task, options.scenario, trust=options.trust)
+    own = _entrant(options)
     path = options.out or _folder(options.policy) / "episode.mp4"
     film(own.policy, path, own.task, options.seed, options.speed, **own.settings)
     print(path)
@@ -169,10 +172,9 @@ def _video(options: Video) -> None:
 
 def _plot(options: Plot) -> None:
     need("matplotlib", "plotting", "train")
-    from agents.catalogue import resolve
     from agents.cli.pictures import plots
 
-    own = resolve(options.policy, options.task, options.scenario, trust=options.trust)
+    own = _entrant(options)
     folder = options.out or _folder(options.policy)
     written = plots(own.policy, own.name, folder, own.task, options.seed, **own.settings)
     if (Path(options.policy) / "config.json").exists():

@@ -8,6 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from .fitting import check_action, check_fit
+
 __all__ = ["EVALUATION_SEED", "Policy", "Step", "built", "episodes"]
 
 EVALUATION_SEED = 1_000_000
@@ -44,8 +46,18 @@ class Step:
 
 
 def built(policy: Any, env: Any) -> Policy:
-    """The policy itself, or, of a callable that makes policies (such as ``MaxForce.from_env``), the one for `env`."""
-    return policy if hasattr(policy, "predict") else policy(env)
+    """The policy itself, or, of a callable that makes policies (such as ``MaxForce.from_env``), the one for `env`.
+
+    Raises `ValueError`, naming both, for a policy that does not fit the env.
+    """
+    made = policy if hasattr(policy, "predict") else policy(env)
+    if not hasattr(made, "predict"):
+        raise ValueError(
+            f"policy must have predict(observation, …), or make such a policy from an env, got {type(made).__name__}; "
+            "agents.policies.Function makes a policy of a function of observations"
+        )
+    check_fit(made, env)
+    return made
 
 
 def episodes(env: World, policy: Policy, observation: np.ndarray, restarts: bool = True) -> Iterator[Step]:
@@ -58,6 +70,7 @@ def episodes(env: World, policy: Policy, observation: np.ndarray, restarts: bool
     state, starts, running = None, np.ones(n, dtype=np.bool_), np.ones(n, dtype=np.bool_)
     while running.any():
         action, state = policy.predict(observation, state=state, episode_start=starts, deterministic=True)
+        check_action(policy, env, observation, action)
         observation, reward, terminated, truncated, info = env.step(action)
         over = np.atleast_1d(np.logical_or(terminated, truncated))
         yield Step(running, running & over, reward, info)

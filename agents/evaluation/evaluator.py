@@ -11,7 +11,8 @@ import numpy as np
 
 import magwire_env  # noqa: F401  (registers the ids)
 from magwire_env.envs.core import SteeringCore
-from magwire_env.envs.task import TASKS
+from magwire_env.envs.task import TASKS, known_task
+from magwire_env.progress import Progress
 from magwire_env.quasistatic.pool import scenario_pool
 
 from .episodes import EVALUATION_SEED, built
@@ -175,24 +176,27 @@ def evaluate(
     results |= {name: np.zeros(n, dtype=np.int64) for name in ("steps", "unconverged")}
     results["success"] = np.zeros(n, dtype=np.bool_)
     cost, reward = np.zeros(n), np.zeros(n)
-    for step in played(env, policy, observation):
-        ended, info = step.ended, step.info
-        reward += np.where(step.running, step.reward, 0.0)
-        cost += np.where(step.running, info["cost"], 0.0)
-        if ended.any():
-            results["success"][ended] = info["is_success"][ended]
-            results["path_ratio"][ended] = np.nan if core.task.kind.follows else info["path_ratio"][ended]
-            for key in (*_SUMMARISED, "steps", "unconverged"):
-                if key in info["summary"]:
-                    results[key][ended] = info["summary"][key][ended]
+    title = name or type(policy).__name__
+    with Progress(f"{title} on {core.task.id}: episodes ended", n) as progress:
+        for step in played(env, policy, observation):
+            ended, info = step.ended, step.info
+            progress.done += int(ended.sum())
+            reward += np.where(step.running, step.reward, 0.0)
+            cost += np.where(step.running, info["cost"], 0.0)
+            if ended.any():
+                results["success"][ended] = info["is_success"][ended]
+                results["path_ratio"][ended] = np.nan if core.task.kind.follows else info["path_ratio"][ended]
+                for key in (*_SUMMARISED, "steps", "unconverged"):
+                    if key in info["summary"]:
+                        results[key][ended] = info["summary"][key][ended]
     results["time"][~results["success"]] = np.nan
-    return Episodes(name or type(policy).__name__, **results | {"cost": cost, "reward": reward})
+    return Episodes(title, **results | {"cost": cost, "reward": reward})
 
 
 def make_batch(task: str, episodes: int, env_settings: dict[str, Any]) -> gym.vector.VectorEnv:
     """The batch of an evaluation; `evaluate` says which tracts a generated task has."""
-    settings = dict(env_settings)
-    kind = TASKS[task].pool if task in TASKS else None
+    settings, task = dict(env_settings), known_task(task)
+    kind = TASKS[task].pool
     if kind is not None and settings.get("scenario") is None:
         settings.pop("pool_size", None)
         settings["scenario"] = list(scenario_pool(kind, settings.pop("split", "train"), episodes))

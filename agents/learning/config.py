@@ -50,6 +50,8 @@ class Config:
     """Lanes of the batch; by default those of the YAML."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
+    env_kwargs: tuple[str, ...] = ()
+    """key=value for the env: observe, action_mode, reward, safety, coupling, time_limit, split, pool_size, scenario."""
     threads: int = 1
     """Torch threads; these networks are too small to gain from a second one."""
     evaluations: int = 10

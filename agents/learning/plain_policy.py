@@ -166,6 +166,25 @@ class PlainPolicy:
 
         return settings_with(self.about.env, self.about.task, self.about.scenario, self.about.scenario_given)
 
+    def misfit(self, env: Any) -> str:
+        """Why it cannot play in an env or batch; "" if it sees there what it saw in training, and acts likewise."""
+        core = getattr(env.unwrapped, "core", None)
+        if core is None:
+            return f"a policy of {self.task} needs a MagWire env, got {env}"
+        shown = tuple(core.observer.names)
+        if shown != self.about.channels or core.observer.space.shape != (self.size,):
+            return (
+                f"the policy was trained on {self.task} to see {self.size} numbers ({', '.join(self.about.channels)}), "
+                f"but {core.task.id} shows {core.observer.space.shape[0]} here ({', '.join(shown)})"
+            )
+        mode = self.about.env.get("action_mode", "angle")
+        if (core.actuation.mode, core.actuation.space.shape) != (mode, self.low.shape):
+            return (
+                f"the policy was trained on {self.task} to give {len(self.low)} numbers (action_mode {mode!r}), but "
+                f"{core.task.id} takes {core.actuation.space.shape[0]} here (action_mode {core.actuation.mode!r})"
+            )
+        return ""
+
     def predict(
         self,
         observation: np.ndarray,

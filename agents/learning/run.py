@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 import platform
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from magwire_env.envs.task import TASKS
+from magwire_env.envs.task import TASKS, known_task
 from magwire_env.quasistatic.pool import scenario_pool
 from magwire_env.scenario import Scenario
 
+from ..env_kwargs import parsed, world
 from ..notes import note
 from .config import ALGORITHMS, Config
 from .hyperparameters import hyperparameters
@@ -55,12 +56,20 @@ class Run:
         Raises `FileExistsError` for a run folder that exists without `resume`, `FileNotFoundError` for one to resume
         that does not; an existing folder is never written into otherwise.
         """
-        asked = {k: (str(v) if isinstance(v, Path) else v) for k, v in asdict(config).items()}
         if config.resume:
             if config.run is None or not (Path(config.run) / "config.json").exists():
                 raise FileNotFoundError(f"--resume needs --run with a run's folder, got {config.run}")
             return cls.at(Path(config.run), config.trust)
+        own = parsed(config.env_kwargs)
+        scenario_asked = own.pop("scenario", config.scenario)
+        if config.scenario is not None and scenario_asked != config.scenario:
+            raise ValueError(
+                f"scenario must be given once, got {config.scenario!r} and env-kwargs scenario={scenario_asked!r}"
+            )
+        config = replace(config, task=known_task(config.task), scenario=scenario_asked)
+        asked = {k: (str(v) if isinstance(v, Path) else v) for k, v in asdict(config).items()}
         settings = _changed(hyperparameters(config.algorithm, config.task), changes or {})
+        settings["env"] = settings.get("env", {}) | own
         settings["n_timesteps"] = config.timesteps or settings["n_timesteps"]
         settings["n_envs"] = config.n_envs or settings["n_envs"]
         for name in ("timesteps", "n_envs", "episodes"):
@@ -72,7 +81,9 @@ class Run:
         from .sb3 import make_vec_env
 
         scenario = text_for(config.task, config.scenario)
-        make_vec_env(config.task, 1, **_given(scenario, config.scenario is not None))  # what does not exist fails here
+        smallest = {"pool_size": 1} if "pool_size" in settings["env"] else {}
+        env = settings["env"] | smallest | _given(scenario, config.scenario is not None)
+        make_vec_env(config.task, 1, **env)  # what does not exist fails here
         run = cls(folder, asked, settings, scenario)
         made_whole(folder, run._begin)
         return run
@@ -141,7 +152,7 @@ class Run:
     def same_episodes(self) -> dict[str, Any]:
         """Keyword arguments of an env with the final evaluation's episodes and the task's own observation and action:
         what a controller needs."""
-        return {k: v for k, v in self.held_out.items() if k in ("scenario", "split")}
+        return world(self.held_out)
 
     @property
     def validation(self) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecNormalize
 
 import magwire_env  # noqa: F401  (registers the ids)
-from magwire_env.envs.task import RewardWeights
+from magwire_env.envs.task import known_task
 from magwire_env.envs.vector_env import MagWireVectorEnv
 from magwire_env.physics.checks import one_of
 
@@ -100,13 +100,10 @@ def make_vec_env(
     """The native batch of `task` for SB3.
 
     frame_stack : an observation is so many frames one after the other, the newest last
-    settings : of the env; ``reward`` may be a dict of `RewardWeights`, as in a YAML
+    settings : of the env
     """
-    if isinstance(settings.get("reward"), dict):
-        settings["reward"] = RewardWeights(**settings["reward"])
-    env = gym.make_vec(task, num_envs=n_envs, autoreset_mode="SameStep", **settings).unwrapped
-    if not isinstance(env, MagWireVectorEnv):
-        raise ValueError(f"task must be an id of MagWire/…, got {task!r}")
+    env = gym.make_vec(known_task(task), num_envs=n_envs, autoreset_mode="SameStep", **settings).unwrapped
+    assert isinstance(env, MagWireVectorEnv)
     venv = NativeVecEnv(env, seed)
     return VecFrameStack(venv, frame_stack) if frame_stack > 1 else venv
 

@@ -9,14 +9,14 @@ from typing import Any
 import gymnasium as gym
 
 import magwire_env  # noqa: F401  (registers the ids)
+from magwire_env.envs.task import TASKS
 
-__all__ = ["ENV_KEYS", "Stored", "read_json"]
+from ..env_kwargs import ENV_KEYS
+
+__all__ = ["Stored", "read_json"]
 
 _MOST_BYTES = 64 * 2**20
 """Size beyond which a JSON file is refused unread."""
-
-ENV_KEYS = ("coupling", "action_mode", "observe", "reward", "time_limit", "safety", "split", "pool_size")
-"""Arguments of an env that a file may set. A scenario stands in the file itself, and is never a path."""
 
 
 def read_json(path: Path) -> Stored:
@@ -86,7 +86,7 @@ class Stored:
     def task(self) -> str:
         """The entry ``task``: an id that is registered under ``MagWire/``. A module in front of it is not imported."""
         value = self.get("task", str)
-        if not value.startswith("MagWire/") or value not in gym.registry:
+        if value not in TASKS and not (value.startswith("MagWire/") and value in gym.registry):
             raise ValueError(
                 f"{self.where}: task must be the id of a registered MagWire/… task, got {_short(value)}; "
                 "nothing was imported for it"

@@ -183,7 +183,7 @@ class Progress:
         self._evaluated = model.num_timesteps
         print(
             f"{model.num_timesteps:>9} steps  {self._seconds:6.1f} s  "
-            f"success {result['success_rate']:6.1%}  median time {result['median_time_s']:.3f} s",
+            f"success {result['success_rate']:6.1%}  {_measured(result)}",
             flush=True,
         )
 
@@ -254,6 +254,14 @@ def read_curve(path: Path) -> list[dict[str, float]]:
     if any(set(row) != set(_COLUMNS) for row in rows):
         raise ValueError(f"{path} must have the columns {', '.join(_COLUMNS)}, got {', '.join(map(str, rows[0]))}")
     return rows
+
+
+def _measured(result: dict[str, float]) -> str:
+    """What an evaluation measured beside success: a tracking task's error, or the time to the goal, if there is one."""
+    if result["median_rms_error_m"] == result["median_rms_error_m"]:
+        return f"median RMS error {1e3 * result['median_rms_error_m']:.1f} mm"
+    time = result["median_time_s"]
+    return f"median time {f'{time:.3f} s' if time == time else '–'}"
 
 
 def _score(row: dict[str, float]) -> tuple[float, float]:

@@ -106,9 +106,7 @@ class Cache:
 
 @lru_cache(maxsize=4096)
 def _digest_of(scenario: Scenario) -> str:
-    """Digest of the scenario as it is saved, without its name and its sensing."""
+    """Digest of the scenario's values, without its name and its sensing; what is None, a default, does not count."""
     plain = scenario.replace(name="", sensing=type(scenario.sensing)())
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "scenario.toml"
-        plain.save(path)
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+    values = asdict(plain, dict_factory=lambda pairs: {key: value for key, value in pairs if value is not None})
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from magwire_env.envs.kernels import FOLLOW, HOLD, PASS
+from magwire_env.progress import Progress
 
 from ..controllers import MPPI, PD, Controller, MaxForce, NetForce
 from .cache import Cache
@@ -65,12 +66,14 @@ def best_plans(starts: Starts, settings: Refinement, cache: Cache | None = None)
             )
             known[stale] = False
     missing = np.flatnonzero(~known)
-    for first in range(0, len(missing), _TOGETHER):
-        rows = missing[first : first + _TOGETHER]
-        for i, plan, value in zip(rows, *_new_plans(starts[rows], settings), strict=True):
-            actions[i] = plan
-            if cache is not None:
-                cache.store(keys[i], plan, value)
+    with Progress(f"planning the par of {len(missing)} new episodes", len(missing)) as progress:
+        for first in range(0, len(missing), _TOGETHER):
+            rows = missing[first : first + _TOGETHER]
+            for i, plan, value in zip(rows, *_new_plans(starts[rows], settings, progress), strict=True):
+                actions[i] = plan
+                if cache is not None:
+                    cache.store(keys[i], plan, value)
+            progress.done += len(rows)
     return Plans(actions, trials.run(np.arange(n), actions).time)
 
 
@@ -79,24 +82,27 @@ def _prolonged(plan: np.ndarray, steps: int) -> np.ndarray:
     return plan[np.minimum(np.arange(steps), len(plan) - 1)]
 
 
-def _new_plans(starts: Starts, settings: Refinement) -> tuple[np.ndarray, np.ndarray]:
+def _new_plans(starts: Starts, settings: Refinement, progress: Progress) -> tuple[np.ndarray, np.ndarray]:
     """The best first plan of every episode, refined: plans (n, step_limit, dof) and their values (n,)."""
     trials, rows = Trials(starts), np.arange(len(starts))
     best, value = None, np.full(len(starts), np.inf)
-    for actions in _first_plans(trials):
+    for actions in _first_plans(trials, progress):
         found = trials.run(rows, actions).value
         best = actions.copy() if best is None else best
         best[found < value] = actions[found < value]
         value = np.minimum(found, value)
     assert best is not None  # MPPI serves every task and rig
+    progress.stage = "refining"
     return refine(trials, best, settings)
 
 
-def _first_plans(trials: Trials) -> Iterator[np.ndarray]:
+def _first_plans(trials: Trials, progress: Progress) -> Iterator[np.ndarray]:
     """Plans (n, step_limit, dof) of every method that serves this task and rig."""
     starts = trials.starts
     if starts.one_turn:
+        progress.stage = "dynamic programming"
         yield by_dynamic_programming(trials)
     for controller in _FIRST[starts.task.kind.rule]:
         if not controller.refusal(starts.library.scenarios[0]):
+            progress.stage = f"first plans of {controller.__name__}"
             yield by_controller(starts, controller.from_env)

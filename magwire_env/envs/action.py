@@ -39,15 +39,17 @@ class Actuation:
 
     def write(self, action: np.ndarray, command: np.ndarray) -> None:
         """As `command`, into an array (dof, n)."""
-        action = np.asarray(action, dtype=np.float64)
-        if action.shape != self._shape:
-            raise ValueError(f"action must have shape {self._shape}, got {action.shape}")
+        action = _numbers(action, self._shape)
         rig = self._sim.rig
         lane = kernels.command_of(
             self._number, np.ascontiguousarray(action), self._turns, self._period, rig.limits, rig.q, command
         )
         if lane >= 0:
             raise ValueError(f"action[{lane}] must be numbers in [-1, 1], got {action[lane].tolist()}")
+
+    def alone(self, action: np.ndarray) -> np.ndarray:
+        """A single env's action (size,) → (1, size). Raises `ValueError` for another shape, which it names."""
+        return _numbers(action, self._shape[1:])[None]
 
     def action(self, command: np.ndarray) -> np.ndarray:
         """The action that gives a command: (n, dof) rad and m → (n, size) float32. What model-based controllers use."""
@@ -69,3 +71,15 @@ class Actuation:
         sim = self._sim
         speed = sim.library.limits.speed[sim.lane_scenario]
         return wrapped(sim.magnet - before, self._turns) / (speed * sim.control_period)
+
+
+def _numbers(action: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """The action as float64, or a `ValueError` that names the shape it must have and the one it has."""
+    try:
+        array = np.asarray(action, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"action must be an array of shape {shape}, got {action!r:.80}") from None
+    if array.shape != shape:
+        got = array.shape if array.ndim else f"a number by itself, {action!r}"
+        raise ValueError(f"action must have shape {shape}, got {got}")
+    return array

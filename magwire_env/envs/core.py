@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -55,7 +55,7 @@ class SteeringCore:
         coupling: str | None = None,
         action_mode: str = "angle",
         observe: Sequence[str] | None = None,
-        reward: str | RewardWeights = "dense",
+        reward: str | RewardWeights | Mapping[str, float] = "dense",
         reward_terms: Sequence[RewardTerm] = (),
         time_limit: float | None = None,
         safety: bool = False,
@@ -90,11 +90,16 @@ class SteeringCore:
         drawn = ("friction", "stiffness", "remanence") if self._varies else ()
         self.varied = {name: np.ones(self.sim.num_envs) for name in drawn}
 
-    def _set_reward(self, reward: str | RewardWeights) -> None:
+    def _set_reward(self, reward: str | RewardWeights | Mapping[str, float]) -> None:
         if isinstance(reward, str):
             one_of("reward", reward, ("dense", "sparse"))
+        elif isinstance(reward, Mapping):
+            names = [term.name for term in TERMS]
+            if unknown := sorted(set(reward) - set(names)):
+                raise ValueError(f"reward must weigh {', '.join(names)}, got {unknown[0]!r}")
+            reward = RewardWeights(**reward)
         elif not isinstance(reward, RewardWeights):
-            raise ValueError(f"reward must be 'dense', 'sparse' or RewardWeights, got {reward!r}")
+            raise ValueError(f"reward must be 'dense', 'sparse', RewardWeights or a dict of them, got {reward!r}")
         weights = reward if isinstance(reward, RewardWeights) else RewardWeights()
         if reward == "sparse":
             weights = RewardWeights(**{term.name: float(term.name == "success") for term in TERMS})

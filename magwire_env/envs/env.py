@@ -11,6 +11,7 @@ from ..simulation import Simulator
 from . import renderer
 from .core import SteeringCore
 from .kernels import VALUE
+from .spec import SpecWithLimit
 from .task import Task
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ __all__ = ["MagWireEnv"]
 _REWARD, _SUCCESS, _TERMINATED, _TRUNCATED = VALUE.reward, VALUE.success, VALUE.terminated, VALUE.truncated
 
 
-class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
+class MagWireEnv(SpecWithLimit, gym.Env[np.ndarray, np.ndarray]):  # type: ignore[misc]
     """Steer a magnetically actuated guidewire along a tract.
 
     ## Description
@@ -77,8 +78,8 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
     coupling : "force" or "wrench", in place of the scenario's
     action_mode : "angle", "rate" or "direction"
     observe : names of observation channels; by default the task's
-    reward : "dense", "sparse" or `RewardWeights`
-    time_limit : s
+    reward : "dense", "sparse", `RewardWeights` or a dict of some of them, such as ``{"success": 20}``
+    time_limit : s; `spec.max_episode_steps` is the number of control steps in it
     safety : an episode ends, without success, when the wall force exceeds the scenario's limit
     split, pool_size : of the pool of certified scenarios that a generated task draws each episode's from; "train",
         "test" or "ood"
@@ -125,7 +126,7 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
         if not self._running:
             raise gym.error.ResetNeeded("reset() must be called before step()")
         core = self.core
-        values = core.advance(np.asarray(action)[None])[:, 0].tolist()
+        values = core.advance(core.actuation.alone(action))[:, 0].tolist()
         success, terminated, truncated = values[_SUCCESS] > 0.0, values[_TERMINATED] > 0.0, values[_TRUNCATED] > 0.0
         info = core.info(values, success, 0)
         if self.render_mode == "human":

@@ -8,12 +8,13 @@ import gymnasium as gym
 import numpy as np
 
 from .env import MagWireEnv
+from .spec import SpecWithLimit
 from .task import Task
 
-__all__ = ["MagWireGoalEnv"]
+__all__ = ["GoalReward", "MagWireGoalEnv"]
 
 
-class MagWireGoalEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
+class MagWireGoalEnv(SpecWithLimit, gym.Env[dict[str, np.ndarray], np.ndarray]):  # type: ignore[misc]
     """`MagWire/Reach-v0` with `observation`, `achieved_goal` and `desired_goal` (arc length / tract length, (1,) each).
 
     The reward is sparse, 0 within the task's tolerance of the target and −1 elsewhere, and `compute_reward` gives it
@@ -73,3 +74,15 @@ class MagWireGoalEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         achieved = self.core.sim.tip_arclength / self._length
         desired = self.core.goal.copy() / self._length
         return {"observation": observation, "achieved_goal": achieved, "desired_goal": desired}
+
+
+class GoalReward(gym.Wrapper, gym.utils.RecordConstructorArgs):
+    """What `gym.make("MagWire/ReachGoal-v0")` wraps around all; `compute_reward` is not passed on by other wrappers."""
+
+    def __init__(self, env: gym.Env) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self)
+        gym.Wrapper.__init__(self, env)
+
+    def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> np.ndarray:
+        """As `MagWireGoalEnv.compute_reward`."""
+        return self.unwrapped.compute_reward(achieved_goal, desired_goal, info)  # type: ignore[attr-defined]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import importlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +14,7 @@ from ..scenario import Scenario
 from .kinds import KINDS, Kind
 from .rewards import RewardWeights
 
-__all__ = ["DEFAULT_CHANNELS", "TASKS", "RewardWeights", "Task", "register_task"]
+__all__ = ["DEFAULT_CHANNELS", "TASKS", "RewardWeights", "Task", "known_task", "register_task"]
 
 DEFAULT_CHANNELS = ("tip_arclength", "tip_speed", "drive_force", "lateral_force", "magnet", "distance_left")
 """What a policy sees where a task says nothing else."""
@@ -76,6 +78,33 @@ TASKS = {
         Task("MagWire/Dual-v0", _STEER, pool="Dual", time_limit=60.0, observe=_AHEAD),
     )
 }
+
+
+def known_task(task: str) -> str:
+    """The id itself, or a `ValueError` that says which ids there are. ``module:id`` imports the module first.
+
+    >>> known_task("MagWire/Steer-v0")
+    'MagWire/Steer-v0'
+    """
+    module, colon, name = task.rpartition(":")
+    if colon:
+        try:
+            importlib.import_module(module)
+        except ImportError as error:
+            raise ValueError(
+                f"task must be an id, or module:id with a module to import, got {task!r}: {error}"
+            ) from error
+    if name in TASKS:
+        return name
+    why = ""
+    if name == "MagWire/ReachGoal-v0":
+        why = (
+            ", a goal env with dicts for observations, which only gym.make takes (docs/guide/learning.md trains it "
+            "with hindsight replay); MagWire/Reach-v0 is the same task"
+        )
+    elif close := difflib.get_close_matches(name, TASKS, 1):
+        why = f"; did you mean {close[0]!r}?"
+    raise ValueError(f"task must be one of {', '.join(TASKS)}, or of register_task's, got {task!r}{why}")
 
 
 def register_task(task: Task) -> None:

@@ -11,10 +11,11 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from ..physics.checks import one_of
+from ..physics.checks import one_of, whole
 from ..simulation import Simulator
 from . import renderer
 from .core import SteeringCore
+from .spec import SpecWithLimit
 from .task import Task
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ __all__ = ["MagWireVectorEnv"]
 _NONE = np.empty(0, dtype=np.int64)
 
 
-class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class MagWireVectorEnv(SpecWithLimit, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):  # type: ignore[misc]
     """`MagWireEnv` over many lanes at once; lane i of a batch seeded s is the single env seeded s + i.
 
     num_envs : number of lanes
@@ -33,6 +34,7 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         ``options["reset_mask"]``), as Gymnasium's vector API defines them
     scenario : also a sequence of `num_envs` scenarios, one a lane
     threads : threads a step may use; by default all cores for large batches
+    max_episode_steps : episodes are also truncated after so many steps, as by `gym.make`'s wrapper; -1 for none
     render_mode, render_lanes : "rgb_array", and the lanes `render` draws, by default all (which Gymnasium's
         `RecordVideo` for batches asks for)
 
@@ -48,6 +50,7 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         threads: int | None = None,
         render_mode: str | None = None,
         render_lanes: Sequence[int] | None = None,
+        max_episode_steps: int | None = None,
         **settings: Any,
     ) -> None:
         if render_mode not in (None, "rgb_array"):
@@ -58,6 +61,9 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": 10, "autoreset_mode": autoreset_mode}
         self.core = SteeringCore(task, num_envs, threads=threads, **settings)
         self.num_envs = num_envs
+        self._most_steps = self.core.step_limit
+        if max_episode_steps not in (None, -1):
+            self._most_steps = min(whole("max_episode_steps", max_episode_steps, 1), self._most_steps)
         self.single_observation_space = self.core.observer.space
         self.single_action_space = self.core.actuation.space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -76,6 +82,11 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._frames: Frames | None = None
         if render_mode is not None:
             self._frames = renderer.frames(self.core)
+
+    @property
+    def max_episode_steps(self) -> int:
+        """Control steps of an episode at most."""
+        return self._most_steps
 
     @property
     def simulator(self) -> Simulator:
@@ -109,6 +120,8 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
         again = self._ended.nonzero()[0] if self.autoreset_mode == AutoresetMode.NEXT_STEP else _NONE
         reward, terminated, truncated, info = self.core.step(actions)
+        if self._most_steps < self.core.step_limit:
+            truncated |= self.core.steps >= self._most_steps
         if len(again):
             reward[again] = 0.0
             terminated[again] = truncated[again] = False

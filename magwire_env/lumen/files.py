@@ -1,8 +1,9 @@
 """Centrelines from other tools' files, made fit for a tract; `Tract.load` is the way in.
 
 CSV
-    A header line naming x, y and z, perhaps radius, each with its unit: ``x [mm],y [mm],z [mm],radius [mm]``,
-    ``x (m)`` or ``x_mm``; or bare names and the argument `unit`. Comma, semicolon or tab; other columns are ignored.
+    A header line naming x, y and z, perhaps radius (or r), each with its unit: ``x [mm],y [mm],z [mm],radius [mm]``,
+    ``x (m)`` or ``x_mm``; or bare names and the argument `unit`. Comma, semicolon or tab; other columns are ignored,
+    with a warning where they look like radii.
 VMTK, ``.vtp``
     VTK XML PolyData with polyline cells, as vmtkcenterlines writes; the lumen's radius from the point array
     ``MaximumInscribedSphereRadius``. VTK declares no unit, so `unit` is required.
@@ -19,6 +20,7 @@ import csv
 import json
 import math
 import re
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -126,7 +128,10 @@ def _chosen(path: Path, lines: list[Centreline], line: int | None) -> Centreline
 
 # --- formats ----------------------------------------------------------------------------------------------------------
 
-_COLUMN = re.compile(rf"^(x|y|z|radius|{_RADIUS_ARRAY})\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|_(\w+))?$", re.IGNORECASE)
+_COLUMN = re.compile(rf"^(x|y|z|r|radius|{_RADIUS_ARRAY})\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|_(\w+))?$", re.IGNORECASE)
+
+
+_LIKE_A_RADIUS = re.compile(r"^(rad|diam|width|d\b|r_)", re.IGNORECASE)
 
 
 def _read_csv(path: Path, unit: str | None) -> list[Centreline]:
@@ -140,10 +145,15 @@ def _read_csv(path: Path, unit: str | None) -> list[Centreline]:
     columns: dict[str, tuple[int, str | None]] = {}
     for i, cell in enumerate(next(csv.reader([header], delimiter=delimiter), [])):
         if match := _COLUMN.match(cell.strip()):
-            name = match[1].lower() if len(match[1]) == 1 else "radius"
+            name = match[1].lower() if match[1].lower() in ("x", "y", "z") else "radius"
             if name in columns:
                 raise ValueError(f"{path} line {rows[0][0]} must name {name} once, got {header!r}")
             columns[name] = (i, match[2] or match[3])
+        elif _LIKE_A_RADIUS.match(cell.strip()):
+            warnings.warn(
+                f"{path} has a column {cell.strip()!r}, which is not read: a column of radii is called radius or r",
+                stacklevel=4,
+            )
     if not {"x", "y", "z"} <= set(columns):
         example = "'x [mm],y [mm],z [mm]'"
         raise ValueError(f"{path} must start with a header line naming x, y and z, such as {example}, got {header!r}")

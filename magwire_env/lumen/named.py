@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from ..physics.checks import positive
 from .curve import Tract
 
 __all__ = [
@@ -43,7 +44,8 @@ def paper_spiral(length: float = 0.8, radius: float = 7.5e-3) -> Tract:
 
 def straight(length: float = 0.8, radius: float = 7.5e-3) -> Tract:
     """A straight tract along x, centred on the origin."""
-    return Tract.from_points([(-length / 2, 0.0, 0.0), (0.0, 0.0, 0.0), (length / 2, 0.0, 0.0)], radius)
+    half = positive("length", length, "m") / 2
+    return Tract.from_points([(-half, 0.0, 0.0), (0.0, 0.0, 0.0), (half, 0.0, 0.0)], radius)
 
 
 def helix(length: float = 0.8, radius: float = 7.5e-3) -> Tract:
@@ -176,5 +178,5 @@ def _eased(xyz: np.ndarray, ease: float = 0.02, points: int = 4) -> np.ndarray:
 
 
 def _scaled(xyz: np.ndarray, length: float, radius: float | np.ndarray, closed: bool = False) -> Tract:
-    factor = length / Tract.from_points(xyz, closed=closed).length
+    factor = positive("length", length, "m") / Tract.from_points(xyz, closed=closed).length
     return Tract.from_points(xyz * factor, radius, closed)

@@ -29,7 +29,8 @@ def best_placement(
     """The position above the tract with which a fixed magnet has the greatest margin at the weakest place.
 
     magnet : number of the magnet that is moved; the others stay
-    keep_out : m, least distance of its centre from the centreline; by default its distance in `scenario`
+    keep_out : m, least distance of its centre from the centreline; by default its distance in `scenario`, or, where it
+        reaches into the tract there, the least with which it does not
     direction : +1 forward, −1 backward
 
     Returns the position, m, and the certificate of the scenario with the magnet there. The search tries a coarse grid
@@ -45,14 +46,15 @@ def best_placement(
         raise ValueError(f"magnet {magnet} must be fixed for a placement, got one that slides: {mount.dofs}")
     centreline = scenario.tract.position(np.linspace(0.0, scenario.tract.length, 4 * len(scenario.tract.table)))
     own = mount.distance_to(centreline)
+    clear = mount.magnet.reach + scenario.tract.widest
     if keep_out is None:
-        keep_out = own
-    elif positive("keep_out", keep_out, "m") < mount.magnet.reach + scenario.tract.widest:
-        clear = mount.magnet.reach + scenario.tract.widest
+        keep_out = max(own, clear)
+    elif positive("keep_out", keep_out, "m") < clear:
         raise ValueError(
             f"keep_out must be at least {clear:.4g} m, or the turning magnet enters the tract, got {keep_out}"
         )
-    dipoles = mount.dipoles if keep_out >= own else cheapest_rule(mount.magnet, keep_out)
+    keeps_cloud = mount.dipoles and keep_out >= own >= clear
+    dipoles = mount.dipoles if keeps_cloud else cheapest_rule(mount.magnet, keep_out)
 
     def moved(position: np.ndarray) -> Scenario:
         there = dataclasses.replace(mount, position=tuple(position.tolist()), dipoles=dipoles)

@@ -25,6 +25,7 @@ from functools import lru_cache
 from ..lumen.curve import Tract
 from ..lumen.generator import SPLITS, Bounds, generate
 from ..physics.checks import one_of, whole
+from ..progress import Progress
 from ..scenario import Rig, Scenario
 from .certificate import Certificate, certify
 from .rigs import following, one_axis, paper, two_axes, two_magnets
@@ -97,19 +98,21 @@ def build_pool(kind: str, split: str = "train", size: int = 100, seed: int = 0, 
     scenarios: list[Scenario] = []
     certificates: list[Certificate] = []
     first = 0
-    while True:
-        batch = candidates(kind, split, _TOGETHER, seed, first)
-        for i, (sc, found) in enumerate(zip(batch, certify(batch, time_limit=time_limit), strict=True)):
-            if found.solvable:
-                scenarios.append(sc)
-                certificates.append(found)
-            if len(scenarios) == size:
-                return Pool(tuple(scenarios), tuple(certificates), first + i + 1)
-        first += _TOGETHER
-        if first > _MOST_TRIES * size + 1000:
-            raise ValueError(
-                f"kind {kind!r} in split {split!r} gave {len(scenarios)} of {size} scenarios in {first} tries"
-            )
+    with Progress(f"certifying {size} scenarios of {kind}, split {split}", size) as progress:
+        while True:
+            batch = candidates(kind, split, _TOGETHER, seed, first)
+            for i, (sc, found) in enumerate(zip(batch, certify(batch, time_limit=time_limit), strict=True)):
+                if found.solvable:
+                    scenarios.append(sc)
+                    certificates.append(found)
+                if len(scenarios) == size:
+                    return Pool(tuple(scenarios), tuple(certificates), first + i + 1)
+            progress.done = len(scenarios)
+            first += _TOGETHER
+            if first > _MOST_TRIES * size + 1000:
+                raise ValueError(
+                    f"kind {kind!r} in split {split!r} gave {len(scenarios)} of {size} scenarios in {first} tries"
+                )
 
 
 def candidates(kind: str, split: str, count: int, seed: int = 0, first: int = 0) -> list[Scenario]:

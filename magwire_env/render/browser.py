@@ -64,6 +64,7 @@ class Page:
         host: str = "127.0.0.1",
         port: int = 8080,
         seed: int = 0,
+        settings: Mapping[str, Any] | None = None,
     ) -> None:
         viser = need("viser", "the page in the browser")
         self.tasks, self.scenarios, self.policies = tuple(tasks), dict(scenarios), dict(policies)
@@ -73,6 +74,7 @@ class Page:
             self.server = viser.ViserServer(host=host, port=port, label="magwire", verbose=False)
         self.requests: queue.Queue[Callable[[], None]] = queue.Queue()
         self._stopped = threading.Event()
+        self._settings = dict(settings or {})
         self.seed, self.playing, self.speed, self.click = seed, False, 1.0, "turns"
         self.policy_name, self._policy_state = HAND, None
         self._policy: Any = None
@@ -106,7 +108,8 @@ class Page:
             self._refuse("there is no such task or scenario")
             return
         self.message = ""
-        settings: dict[str, Any] = {} if self.scenarios[scenario] is None else {"scenario": self.scenarios[scenario]}
+        own = {} if self.scenarios[scenario] is None else {"scenario": self.scenarios[scenario]}
+        settings: dict[str, Any] = self._settings | own
         if self._opening is not None:
             self._opening.give_up()
         self._wanted = task, scenario

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -176,6 +177,14 @@ class Rig:
         object.__setattr__(self, "coils", tuple(self.coils))
         if not self.magnets and not self.coils:
             raise ValueError("Rig.magnets and Rig.coils must hold at least one magnet or coil, got none")
+
+    def moved(self, position: tuple[float, float, float], magnet: int = 0) -> Rig:
+        """The rig with one magnet's centre at `position` (m); the scenario takes a cloud anew for its new distance."""
+        if not 0 <= magnet < len(self.magnets):
+            raise ValueError(f"magnet must be a number from 0 to {len(self.magnets) - 1}, got {magnet!r}")
+        there = dataclasses.replace(self.magnets[magnet], position=position, dipoles=())
+        magnets = (*self.magnets[:magnet], there, *self.magnets[magnet + 1 :])
+        return dataclasses.replace(self, magnets=magnets)
 
     @property
     def layout(self) -> tuple[tuple[tuple[str, str], ...], ...]:

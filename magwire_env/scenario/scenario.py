@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import tomllib
-import types
-import typing
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -17,9 +14,9 @@ import numpy as np
 from ..lumen.curve import Tract
 from ..physics.checks import one_of, positive
 from ..physics.guidewire import Guidewire
-from ..physics.magnets import BlockMagnet, CylinderMagnet, PointDipole
+from ..physics.magnets import BlockMagnet, CylinderMagnet
 from ..physics.ranges import counted, ranged, ranged_vector
-from . import steps
+from . import plausible, steps, toml
 from .rig import ActuatedMagnet, Coil, Current, Rig, Slide, Turn, cheapest_rule
 from .sensing import Reading, Sensing, Variation
 
@@ -40,9 +37,6 @@ __all__ = [
 ]
 
 COUPLINGS = ("force", "wrench")
-_SHIPPED = Path(__file__).parents[1] / "scenarios"
-_MOST_BYTES = 64 * 2**20
-"""Size beyond which a scenario's file is refused unread."""
 
 
 @dataclass(frozen=True)
@@ -129,23 +123,40 @@ class Scenario:
                 f"Scenario.wire.length must be less than the tract's {self.tract.length:.4g} m, "
                 f"got {self.wire.length:g} m"
             )
-        centreline = self.tract.position(np.linspace(0.0, self.tract.length, 4 * len(self.tract.table)))
+        plausible.check(self)
         magnets, distances = [], []
-        for i, mount in enumerate(self.rig.magnets):
-            distance = mount.distance_to(centreline) - 3**0.5 * self.variation.placement
-            clear = mount.magnet.reach + self.tract.widest
-            if distance < clear:
-                raise ValueError(
-                    f"Scenario.rig.magnets[{i}].position must keep the magnet's centre at least {clear:.4g} m from the "
-                    f"centreline, or the turning magnet enters the tract, got {distance:.4g} m from {mount.position} m"
-                )
-            if not mount.dipoles:
-                mount = dataclasses.replace(mount, dipoles=cheapest_rule(mount.magnet, distance))
+        for mount, distance in zip(self.rig.magnets, self._distances, strict=True):
+            if distance >= self._clear(mount):
+                if not mount.dipoles:
+                    mount = dataclasses.replace(mount, dipoles=cheapest_rule(mount.magnet, distance))
+                distances.append(distance)
             magnets.append(mount)
-            distances.append(distance)
         object.__setattr__(self, "rig", Rig(tuple(magnets), self.rig.coils))
-        if self.model == "locked":
+        if self.model == "locked" and len(distances) == len(magnets):
             steps.check(self, distances)
+
+    @cached_property
+    def _distances(self) -> list[float]:
+        """Smallest distance from the centreline to each magnet's centre, m."""
+        centreline = self.tract.position(np.linspace(0.0, self.tract.length, 4 * len(self.tract.table)))
+        return [m.distance_to(centreline) - 3**0.5 * self.variation.placement for m in self.rig.magnets]
+
+    def _clear(self, mount: ActuatedMagnet) -> float:
+        """How far a magnet's centre must stay away from the centreline, m."""
+        return mount.magnet.reach + self.tract.widest
+
+    def check_placed(self) -> None:
+        """Raise `ValueError` where a magnet reaches into the tract.
+
+        Such a scenario can be made, so that a tract can be replaced before the magnets are moved, but not simulated.
+        """
+        for i, (mount, distance) in enumerate(zip(self.rig.magnets, self._distances, strict=True)):
+            if distance < self._clear(mount):
+                raise ValueError(
+                    f"Scenario.rig.magnets[{i}].position must keep the magnet's centre at least "
+                    f"{self._clear(mount):.4g} m from the centreline, or the turning magnet enters the tract, got "
+                    f"{distance:.4g} m from {mount.position} m; magwire_env.quasistatic.best_placement finds a place"
+                )
 
     @property
     def substeps(self) -> int:
@@ -222,48 +233,28 @@ class Scenario:
         return dataclasses.replace(self, **flat)
 
     def save(self, path: str | Path) -> None:
-        """Write the scenario as TOML; a tract is stored by its points, so the file stands alone."""
+        """Write the scenario as TOML, for people too; a tract is stored by its points, so the file stands alone."""
         Path(path).write_text(self.dumps(), encoding="utf-8")
 
     def dumps(self) -> str:
         """The text that `save` writes."""
-        import tomli_w
+        from .toml_text import text_of
 
-        return tomli_w.dumps(_to_toml(self))
+        return text_of(self)
 
     @classmethod
     def loads(cls, text: str, where: str = "the scenario") -> Scenario:
-        """Read a scenario from TOML text; `where` names it in errors, which are those of `load`."""
-        try:
-            tree = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise ValueError(f"{where} is not valid TOML: {error}") from error
-        except (RecursionError, ValueError) as error:  # brackets in brackets, whole numbers of thousands of digits
-            raise ValueError(f"{where} is not valid TOML: {type(error).__name__}: {error}") from error
-        return _from_toml(cls, tree, where)
+        """Read a scenario from TOML text, which may name no files; errors as `load`'s, in which `where` names it."""
+        return toml.from_text(cls, text, where)
 
     @classmethod
     def load(cls, path: str | Path) -> Scenario:
         """Read a scenario from a TOML file, or a shipped one by name (``Scenario.load("paper")``).
 
-        Raises `ValueError` naming an unknown, missing or impossible entry, `FileNotFoundError` if there is no file.
+        `magwire_env.scenario.toml` says what a file may leave out. Raises `ValueError` naming all entries that are
+        unknown, missing or impossible, `FileNotFoundError` if there is no file.
         """
-        file = Path(path)
-        if not file.suffix and not file.exists():
-            names = sorted(p.stem for p in _SHIPPED.glob("*.toml"))
-            if str(path) not in names:
-                raise FileNotFoundError(
-                    f"no file {str(path)!r}, and no shipped scenario of that name; shipped: {', '.join(names)}"
-                )
-            file = _SHIPPED / f"{path}.toml"
-        size = file.stat().st_size
-        if size > _MOST_BYTES:
-            raise ValueError(f"{file} is {size} bytes long, more than the {_MOST_BYTES} of a scenario")
-        try:
-            text = file.read_text(encoding="utf-8")
-        except UnicodeDecodeError as error:
-            raise ValueError(f"{file} must be text in UTF-8: {error}") from error
-        return cls.loads(text, str(file))
+        return toml.from_file(cls, path)
 
 
 def above(tract: Tract, distance: float) -> tuple[float, float, float]:
@@ -275,70 +266,3 @@ def above(tract: Tract, distance: float) -> tuple[float, float, float]:
     # Above every near point by at least what keeps it on or outside its sphere of radius `distance`.
     z = (p[near, 2] + np.sqrt(distance**2 - flat[near] ** 2)).max() if near.any() else p[:, 2].mean()
     return (float(x), float(y), float(z))
-
-
-# --- TOML -------------------------------------------------------------------------------------------------------------
-
-_KINDS = {"block": BlockMagnet, "cylinder": CylinderMagnet, "point": PointDipole, "turn": Turn, "slide": Slide}
-_KIND_OF = {cls: kind for kind, cls in _KINDS.items()}
-
-
-def _to_toml(value: Any) -> Any:
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        tree = {"kind": _KIND_OF[type(value)]} if type(value) in _KIND_OF else {}
-        values = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
-        return tree | {name: _to_toml(inner) for name, inner in values.items() if inner is not None}
-    if isinstance(value, tuple):
-        return [_to_toml(v) for v in value]
-    return value
-
-
-def _from_toml(kind: Any, tree: Any, where: str) -> Any:
-    origin, args = typing.get_origin(kind), typing.get_args(kind)
-    if origin in (typing.Union, types.UnionType) and any(a in _KIND_OF for a in args):
-        return _tagged(args, tree, where)
-    if dataclasses.is_dataclass(kind):
-        return _built(typing.cast(type, kind), tree, where)
-    if origin is tuple:
-        if not isinstance(tree, list):
-            raise ValueError(f"{where} must be a list, got {tree!r}")
-        inner = args[0] if len(args) == 2 and args[1] is Ellipsis else None
-        items = [_from_toml(inner if inner else a, t, f"{where}[{i}]") for i, (t, a) in enumerate(_zip(tree, args))]
-        return tuple(items)
-    return tuple(tree) if isinstance(tree, list) else tree
-
-
-def _zip(tree: list, args: tuple) -> list:
-    return [(t, args[i] if i < len(args) else args[-1]) for i, t in enumerate(tree)]
-
-
-def _tagged(allowed: tuple, tree: Any, where: str) -> Any:
-    names = [_KIND_OF[a] for a in allowed if a in _KIND_OF]
-    if not isinstance(tree, dict) or tree.get("kind") not in names:
-        got = tree.get("kind") if isinstance(tree, dict) else tree
-        raise ValueError(f"{where}.kind must be one of {', '.join(map(repr, names))}, got {got!r}")
-    return _built(_KINDS[tree["kind"]], tree, where)
-
-
-def _built(kind: type, tree: Any, where: str) -> Any:
-    if not isinstance(tree, dict):
-        raise ValueError(f"{where} must be a table, got {tree!r}")
-    hints = typing.get_type_hints(kind)
-    tree = {k: v for k, v in tree.items() if not (k == "kind" and kind in _KIND_OF)}
-    fields = {f.name: f for f in dataclasses.fields(kind)}
-    if unknown := sorted(set(tree) - set(fields)):
-        raise ValueError(f"{where} has an unknown key {unknown[0]!r}; allowed: {', '.join(fields)}")
-    for name, f in fields.items():
-        if name not in tree and f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING:
-            raise ValueError(f"{where} lacks the key {name!r}")
-    for name, value in tree.items():
-        wanted = hints[name]
-        if wanted in (bool, str) and not isinstance(value, wanted):
-            raise ValueError(
-                f"{where}.{name} must be {'true or false' if wanted is bool else 'a string'}, got {value!r}"
-            )
-    values = {name: _from_toml(hints[name], value, f"{where}.{name}") for name, value in tree.items()}
-    try:
-        return kind(**values)
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from error

@@ -30,6 +30,8 @@ class RigLibrary:
     """
 
     def __init__(self, scenarios: Sequence[Scenario]) -> None:
+        for sc in scenarios:
+            sc.check_placed()
         layout = scenarios[0].rig.layout
         for i, sc in enumerate(scenarios):
             if sc.rig.layout != layout:

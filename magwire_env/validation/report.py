@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
+
+from ..progress import Progress
 
 __all__ = ["FULL", "TEST", "Check", "Row", "Size", "at_least", "at_most", "format_table", "run", "table"]
 
@@ -107,7 +109,13 @@ class Check:
 
 def run(checks: Iterable[Check], size: Size = FULL) -> list[Row]:
     """Every row of `checks`, in order."""
-    return [row for check in checks for row in check.rows(size)]
+    checks, rows = tuple(checks), []
+    with Progress("checking", len(checks)) as progress:
+        for check in checks:
+            progress.stage = check.name
+            rows += check.rows(size)
+            progress.done += 1
+    return rows
 
 
 def table(rows: Iterable[Row], markdown: bool = False) -> str:
@@ -116,7 +124,7 @@ def table(rows: Iterable[Row], markdown: bool = False) -> str:
     return format_table(head, [row.cells() for row in rows], markdown)
 
 
-def format_table(head: tuple[str, ...], lines: list[tuple[str, ...]], markdown: bool = False) -> str:
+def format_table(head: tuple[str, ...], lines: Sequence[tuple[str, ...]], markdown: bool = False) -> str:
     """Columns under a heading, padded to equal widths, or as Markdown."""
     if markdown:
         rule = ["---"] * len(head)

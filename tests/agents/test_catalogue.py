@@ -88,10 +88,10 @@ def test_the_command_takes_a_class_from_outside_the_package(module, capsys):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("no_such_module:Thing", "importable module:Class, got 'no_such_module:Thing'"),
-        ("own_controllers:Other", "importable module:Class"),
-        ("numpy:ndarray", "must name a class with from_env"),
-        ("Nobody", "policy must be a run's or policy's folder, module:Class or one of MaxForce"),
+        ("no_such_module:Thing", "importable module:thing, got 'no_such_module:Thing'"),
+        ("own_controllers:Other", "importable module:thing"),
+        ("numpy:pi", "must name a class with from_env"),
+        ("Nobody", "policy must be a run's or policy's folder, an SB3 .zip, module:thing or one of MaxForce"),
     ],
 )
 def test_names_of_nothing_are_refused(module, name, words):
@@ -107,7 +107,7 @@ def test_the_benchmark_takes_it_in_its_worker_processes(module, tmp_path):
     record = plan.record(Cell("evaluate", "Steer", f"{module}:Still"), tmp_path)
     assert record is not None
     assert len(record["episodes"]["success"]) == 2
-    with pytest.raises(ValueError, match="controllers must be classes given as module:Class, got 'Still'"):
+    with pytest.raises(ValueError, match="controllers must be policies given as module:thing, got 'Still'"):
         small(STEER, extra=("Still",))
 
 

@@ -50,6 +50,21 @@ def test_csv_in_any_declared_unit(tmp_path, header, unit, size):
     assert_is_vessel(Tract.load(path, unit))
 
 
+@pytest.mark.parametrize("name", ["r [mm]", "R_mm", "radius (mm)"])
+def test_a_column_of_radii_may_be_called_r(tmp_path, name):
+    rows = "\n".join(f"{10 * i},0,0,{5 + 0.1 * i}" for i in range(20))
+    path = write(tmp_path, "short.csv", f"x [mm],y [mm],z [mm],{name}\n{rows}\n")
+    assert Tract.load(path).radius[0] == pytest.approx(5e-3)
+
+
+@pytest.mark.parametrize("name", ["Diameter [mm]", "d", "rad", "radii"])
+def test_a_column_that_looks_like_radii_is_not_ignored_in_silence(tmp_path, name):
+    rows = "\n".join(f"{10 * i},0,0,{5 + 0.1 * i},1" for i in range(20))
+    path = write(tmp_path, "other.csv", f"x [mm],y [mm],z [mm],{name},branch\n{rows}\n")
+    with pytest.warns(UserWarning, match=r"a column '.*', which is not read: a column of radii is called radius or r"):
+        assert Tract.load(path).radius == 7.5e-3
+
+
 def test_csv_of_other_programs(tmp_path):
     xyz, radius = vessel()
     rows = "".join(

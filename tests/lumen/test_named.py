@@ -168,4 +168,4 @@ def test_a_scenario_keeps_radii_through_toml_and_clears_the_widest(tmp_path):
     assert again == scenario
     assert again.tract.radius == radii
     with pytest.raises(ValueError, match="magnet enters the tract"):  # 44 mm of magnet and 30 mm of lumen exceed 70 mm
-        scenario.replace(tract=Tract.from_points(points, (*radii[:-1], 30e-3)))
+        scenario.replace(tract=Tract.from_points(points, (*radii[:-1], 30e-3))).check_placed()

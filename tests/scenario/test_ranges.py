@@ -70,8 +70,8 @@ HEAD = PAPER.dumps()
         (("name = " + "[" * 100_000).encode(), "mine.toml is not valid TOML"),
         (b"name = '\xff\xfe'", "mine.toml must be text in UTF-8"),
         (HEAD.replace("[timing]", "[timing]\nsubsteps = 1000000000").encode(), "Timing.substeps must lie in"),
-        (HEAD.replace("delay = 0", "delay = 1000000000").encode(), "Sensing.delay must lie in"),
-        (HEAD.replace('"fitted",\n    21,', '"grid",\n    [10000, 10000, 10000],').encode(), "at most 200000 dipoles"),
+        ((HEAD + "\n[sensing]\ndelay = 1000000000\n").encode(), "Sensing.delay must lie in"),
+        (HEAD.replace('["fitted", 21]', '["grid", [10000, 10000, 10000]]').encode(), "at most 200000 dipoles"),
     ],
 )  # fmt: skip
 def test_a_file_that_asks_for_too_much_ends_in_a_sentence(tmp_path, content, words):

@@ -6,17 +6,20 @@ import pickle
 import tomllib
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import tomli_w
 
 import magwire_env
+from magwire_env import Simulator
 from magwire_env.lumen.named import circle, paper_spiral, straight
 from magwire_env.physics import BlockMagnet, CylinderMagnet, PointDipole, Tract
 from magwire_env.quasistatic import certificate
 from magwire_env.scenario import ActuatedMagnet, Contact, Rig, Scenario, Slide, Timing, Turn
 
 PAPER = Scenario.paper()
+ID = "MagWire/Steer-v0"
 SHIPPED = {path.stem: path for path in (Path(magwire_env.__file__).parent / "scenarios").glob("*.toml")}
 CONSTRUCTORS = {"paper": Scenario.paper}
 
@@ -254,10 +257,18 @@ def test_a_tract_shorter_than_the_wire():
     ],
 )
 def test_a_magnet_that_reaches_into_the_tract(mount):
-    with pytest.raises(
-        ValueError, match=r"Scenario\.rig\.magnets\[1\]\.position must keep .* or the turning magnet enters"
+    """It can be written down, and neither simulated nor judged."""
+    both = PAPER.replace(tract=straight(0.5), rig=Rig((ActuatedMagnet(PointDipole(1.0), (0.0, 0.0, 0.1)), mount)))
+    for use in (
+        both.check_placed,
+        lambda: Simulator(both),
+        lambda: certificate(both),
+        lambda: gym.make(ID, scenario=both),
     ):
-        PAPER.replace(tract=straight(0.5), rig=Rig((ActuatedMagnet(PointDipole(1.0), (0.0, 0.0, 0.1)), mount)))
+        with pytest.raises(
+            ValueError, match=r"Scenario\.rig\.magnets\[1\]\.position must keep .* or the turning magnet enters"
+        ):
+            use()
 
 
 def test_a_magnet_just_clear_of_the_tract():

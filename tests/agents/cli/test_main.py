@@ -20,10 +20,13 @@ def test_the_command_evaluates_a_controller_and_a_model(run, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["evaluate", "NoSuch"], "policy must be a run's or policy's folder, module:Class or one of MaxForce"),
+        (
+            ["evaluate", "NoSuch"],
+            "folder, an SB3 .zip, module:thing or one of MaxForce",
+        ),
         (["evaluate", "MaxForce", "--episodes", "0"], "episodes must be a whole number of at least 1"),
         (["evaluate", "MaxForce", "--scenario", "missing"], "no shipped scenario of that name"),
-        (["train", "--task", "MagWire/None-v9"], "exist in namespace MagWire"),
+        (["train", "--task", "MagWire/None-v9"], "task must be one of MagWire/Steer-v0"),
     ],
 )
 def test_the_command_ends_with_one_line_on_bad_input(arguments, words, tmp_path, monkeypatch):

@@ -1,0 +1,51 @@
+"""The subcommand `cache`: what is kept between runs, where, and how much."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+__all__ = ["Cache", "cache"]
+
+
+@dataclass
+class Cache:
+    """Show what is kept between runs: plans of the par, and compiled kernels. Nothing is lost by clearing but time."""
+
+    clear: bool = False
+    """Delete it."""
+
+
+def cache(options: Cache) -> None:
+    """Print a line for each store, and delete its files if asked to."""
+    from magwire_env.validation.report import format_table
+
+    rows = []
+    for what, folder, files in _stores():
+        size = sum(file.stat().st_size for file in files)
+        rows.append((what, str(len(files)), f"{size / 1e6:.1f} MB", str(folder)))
+        if options.clear:
+            for file in files:
+                file.unlink(missing_ok=True)
+    print(format_table(("what", "files", "size", "folder"), rows))
+    print(
+        "cleared"
+        if options.clear
+        else "MAGWIRE_CACHE moves the plans, NUMBA_CACHE_DIR the kernels; --clear deletes both"
+    )
+
+
+def _stores() -> Iterator[tuple[str, Path, list[Path]]]:
+    """Name, folder and files of every store."""
+    import os
+
+    import magwire_env
+    from agents.par.cache import default_folder
+
+    plans = default_folder()
+    yield "plans of the par", plans, sorted(plans.glob("??/*.npz"))
+    package = Path(magwire_env.__file__).parent
+    own = os.environ.get("NUMBA_CACHE_DIR")
+    kernels = Path(own) if own else package
+    yield "compiled kernels", kernels, sorted(f for end in ("*.nbi", "*.nbc") for f in kernels.rglob(end))
