@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -87,6 +88,44 @@ class Lumen:
                 made[line[0]] = attached(line[0], line[1], line[2], made.get(line[3]))
                 waiting.remove(line)
         return cls(tuple(made.values()), name=name)
+
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        unit: str | None = None,
+        inlet: Iterable[float] | str | None = None,
+        invert: bool = False,
+        radius: float | None = None,
+        holes: str = "refuse",
+        progress: bool | None = None,
+        cache: bool = True,
+    ) -> Lumen:
+        """The lumen in another tool's file, or in a ``.lumen`` file: in m, in the axes of the file.
+
+        path : a surface (.stl, .obj, .ply, .vtp, .vtk), a voxel mask or level set (.nii, .nii.gz, .mha, .mhd, .nrrd),
+            centrelines and trees (.csv, .vtp, .vtk, .mrk.json, .swc, .json, SimVascular's .pth and .ctgr), or a folder
+            of curve files. Surfaces and masks need the extra `anatomy`
+        unit : of the coordinates, "m", "cm", "mm" or "um", where the file declares none; default guessed, and said
+        inlet : where the wire comes in: a point near an end in the file's own coordinates, or a line's name
+        invert : the surface is that of the material about the lumen (a plate with channels)
+        radius : m, for lines without radii
+        holes : "close" closes holes in the wall of a surface that are no ends, "refuse" names the first
+        progress : show a bar; default on a terminal
+        cache : keep the result by the file's content, under the user's cache folder
+
+        What was guessed, turned, capped or dropped stands in `notes` and is warned of (`LumenNote`). Raises
+        `ValueError` naming the file, the fault and its place in the file's own coordinates; `FileNotFoundError`.
+        """
+        from .loading import load
+
+        return load(path, unit, inlet, invert, radius, holes, progress, cache)
+
+    def save(self, path: str | Path) -> None:
+        """Write the lumen to a ``.lumen`` file that stands alone; `Lumen.load` reads it."""
+        from .lumen_file import save_lumen
+
+        save_lumen(self, path)
 
     # --- the tree -----------------------------------------------------------------------------------------------------
 
