@@ -80,10 +80,10 @@ def _pairs(keys, owners, first, shape, corners, low, high, faces, found):
                 cell = (max(first[f, 0], first[g, 0]) * shape[1] + max(first[f, 1], first[g, 1])) * shape[2]
                 if cell + max(first[f, 2], first[g, 2]) != keys[start]:  # the pair is met in several cells: count one
                     continue
-                if _cut(corners[f], corners[g]) or _cut(corners[g], corners[f]):
-                    if number < len(found):
-                        found[number, 0], found[number, 1] = f, g
-                        number += 1
+                crosses = _cut(corners[f], corners[g]) or _cut(corners[g], corners[f])
+                if crosses and number < len(found):
+                    found[number, 0], found[number, 1] = f, g
+                    number += 1
         start = end
     return number
 
@@ -91,7 +91,8 @@ def _pairs(keys, owners, first, shape, corners, low, high, faces, found):
 @njit(**_JIT)
 def _cut(t, s):
     """Whether an edge of triangle t passes through triangle s."""
-    return any(_pierces(t[i], t[(i + 1) % 3], s[0], s[1], s[2]) for i in range(3))
+    one = _pierces(t[0], t[1], s[0], s[1], s[2])
+    return one or _pierces(t[1], t[2], s[0], s[1], s[2]) or _pierces(t[2], t[0], s[0], s[1], s[2])
 
 
 @njit(**_JIT)

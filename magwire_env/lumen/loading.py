@@ -21,7 +21,7 @@ from .lumen_file import load_lumen, save_lumen
 from .masks import surface_of
 from .mending import mended
 from .polydata import read_polydata
-from .reading import reading
+from .reading import naming
 from .skeleton import Line, centrelines
 from .solids import channels_of
 from .surface import Surface
@@ -144,7 +144,7 @@ def _with_surface(wish: _Wish, raw: Any, unit: str, axes: str, invert: bool) -> 
             f"inlet must be a point (x, y, z) of {wish.path}, which has no named lines, got {wish.inlet!r}"
         )
     wish.progress(0.05, "checking")
-    with reading(wish.path, "a surface"):
+    with naming(wish.path):
         surface, openings = mended(str(wish.path), raw, wish.notes, wish.inlet, invert, wish.holes)
         if invert:
             surface, openings = channels_of(str(wish.path), surface, wish.inlet, wish.notes), []
@@ -184,7 +184,7 @@ def _from_lines(wish: _Wish, found: FoundLines) -> Lumen:
     for line in lines:
         if wish.radius is not None:
             line.radii = np.full(len(line.points), wish.radius / scale)
-    with reading(wish.path, "a tree"):
+    with naming(wish.path):
         tree = one_tree(str(wish.path), lines, wish.inlet, wish.notes)
         wish.progress(0.6, "smoothing")
         branches = _branches(

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-__all__ = ["MOST_BYTES", "decoded_text", "inflated", "reading", "whole_file"]
+__all__ = ["MOST_BYTES", "decoded_text", "inflated", "naming", "reading", "whole_file"]
 
 MOST_BYTES = 1 << 30
 """Largest file, and largest content of a compressed one, that is read: 1 GiB."""
@@ -30,6 +30,17 @@ def reading(path: Path, what: str) -> Iterator[None]:
         raise
     except Exception as error:
         raise ValueError(f"{path} cannot be read as {what}: {_short(error)}") from None
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put the file's name before a `ValueError` that lacks it."""
+    try:
+        yield
+    except ValueError as error:
+        if str(path) in str(error):
+            raise
+        raise ValueError(f"{path} {error}") from None
 
 
 def _short(error: Exception) -> str:

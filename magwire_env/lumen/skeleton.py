@@ -402,7 +402,8 @@ def _line(surface: Surface, graph: _Graph, path: list[int], parent: int, ends: d
     for _ in range(2):
         points = _centred(surface, _smooth(points, radii))
         radii = surface.closest(points)[0]
-    points = _smooth(points, radii)
+    points = _smooth(points, radii, 1)
+    points = _blunt(points, surface.closest(points)[0], not (first and path[0] in ends), path[-1] not in ends, first)
     head, tail = [], []
     if first and path[0] in ends:
         points, head = _without_cap(points, radii, ends[path[0]], False)
@@ -412,6 +413,23 @@ def _line(surface: Surface, graph: _Graph, path: list[int], parent: int, ends: d
     points = np.concatenate([*head, points, *tail])
     radii = np.concatenate([radii[:1] if head else radii[:0], radii, radii[-1:] if tail else radii[:0]])
     return Line(points, radii, parent)
+
+
+def _blunt(points: np.ndarray, radii: np.ndarray, at_start: bool, at_end: bool, first: bool) -> np.ndarray:
+    """Without the last points in a round end, where the balls shrink: at a blind end, and a blind inlet."""
+
+    def kept(radii: np.ndarray, steps: np.ndarray) -> int:
+        """How many points at the end to drop."""
+        for i in range(len(radii) - 3):
+            behind = np.interp(steps[i] + radii[i], steps, radii)
+            if radii[i] >= 0.93 * behind:
+                return i
+        return 0
+
+    steps = np.r_[0.0, np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum()]
+    head = kept(radii, steps) if at_start and first else 0
+    tail = kept(radii[::-1], steps[-1] - steps[::-1]) if at_end else 0
+    return points[head : len(points) - tail] if head + tail < len(points) - 2 else points
 
 
 def _without_cap(
@@ -441,7 +459,7 @@ def _resampled(points: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.nd
     return np.stack([np.interp(at, along, p) for p in points.T], axis=1), np.interp(at, along, radii)
 
 
-def _smooth(points: np.ndarray, radii: np.ndarray, rounds: int = 3) -> np.ndarray:
+def _smooth(points: np.ndarray, radii: np.ndarray, rounds: int = 2) -> np.ndarray:
     """Each inner point moved towards the middle of its neighbours, the ends kept."""
     points = points.copy()
     for _ in range(rounds):
