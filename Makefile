@@ -22,10 +22,10 @@ lint: $(VENV)/test.stamp
 	$(PY) -m mypy
 
 bench: $(VENV)/test.stamp
-	$(PY) tests/speed/bench.py $(ARGS)
+	$(PY) -m tests.speed.bench $(ARGS)
 
 pictures: $(VENV)/test.stamp
-	$(PY) -m agents.pictures docs/pictures
+	$(PY) -m agents.cli.pictures docs/pictures
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info

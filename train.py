@@ -55,11 +55,11 @@ class Config:
 
 def main(config: Config) -> dict[str, Any]:
     """Train, evaluate, write the run folder, print the table; returns what results.json holds."""
+    from agents.cli.pictures import leave_in
     from agents.controllers import CONTROLLERS
-    from agents.evaluation import evaluate, table
-    from agents.learning import load
-    from agents.pictures import leave_in
-    from agents.training import Run, learn, learning_curve
+    from agents.evaluation.evaluator import evaluate, table
+    from agents.learning.sb3 import load
+    from agents.learning.training import Run, learn, learning_curve
 
     run = Run.open(config)
     print(f"run folder: {run.folder}")

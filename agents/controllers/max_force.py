@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 
 from magwire_env.physics.checks import positive
-from magwire_env.simulation.netforce import greatest
+from magwire_env.quasistatic.net_force import greatest
 
 from .base import Controller
 

@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from magwire_env.simulation.netforce import greatest
+from magwire_env.quasistatic.net_force import greatest
 
 from .base import Controller
 from .seen import magnet_seen, tip_seen

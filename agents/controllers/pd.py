@@ -8,8 +8,8 @@ import gymnasium as gym
 import numpy as np
 
 from magwire_env.physics.checks import non_negative, positive, whole
-from magwire_env.simulation.balance import Tails
-from magwire_env.simulation.netforce import Places
+from magwire_env.quasistatic.balance import Tails
+from magwire_env.quasistatic.net_force import Places
 
 from .base import Controller
 from .seen import aim_seen, magnet_seen, tip_seen

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from magwire_env.simulation.balance import Tails
-from magwire_env.simulation.batch import Library
-from magwire_env.simulation.netforce import greatest
+from magwire_env.quasistatic.balance import Tails
+from magwire_env.quasistatic.net_force import greatest
+from magwire_env.simulation.locked.arrays import Library
 
 __all__ = ["Way"]
 

@@ -22,12 +22,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from magwire_env.quasistatic.balance import Tails
+from magwire_env.quasistatic.certificate import traverse
+from magwire_env.quasistatic.net_force import Places, greatest
 from magwire_env.scenario import Scenario
-from magwire_env.simulation import algorithm1 as a1
-from magwire_env.simulation.balance import Tails
-from magwire_env.simulation.batch import LaneArrays, Library
-from magwire_env.simulation.certificate import traverse
-from magwire_env.simulation.netforce import Places, greatest
+from magwire_env.simulation.locked import algorithm1 as a1
+from magwire_env.simulation.locked.arrays import LaneArrays, Library
 
 __all__ = ["Fastest", "least_time"]
 

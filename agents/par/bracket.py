@@ -14,7 +14,7 @@ from magwire_env.envs.vector_env import MagWireVectorEnv
 from magwire_env.physics.checks import whole
 from magwire_env.scenario import Scenario
 
-from ..evaluation import EVALUATION_SEED
+from ..evaluation.evaluator import EVALUATION_SEED
 from .bound import Fastest
 from .cache import Cache
 from .planner import best_plans
@@ -107,7 +107,7 @@ def bracket(
 def _batch(task: str | Task, n: int, scenario: Any) -> MagWireVectorEnv:
     named = TASKS.get(task) if isinstance(task, str) else task
     if scenario is None and named is not None and named.pool is not None:
-        from magwire_env.simulation.pool import scenario_pool
+        from magwire_env.quasistatic.pool import scenario_pool
 
         scenario = list(scenario_pool(named.pool, "test", n))
     return MagWireVectorEnv(n, task, scenario=scenario)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magwire_env.simulation.balance import Tails
-from magwire_env.simulation.batch import Library
-from magwire_env.simulation.netforce import Places
+from magwire_env.quasistatic.balance import Tails
+from magwire_env.quasistatic.net_force import Places
+from magwire_env.simulation.locked.arrays import Library
 
 __all__ = ["SpeedTable", "speed_tables"]
 

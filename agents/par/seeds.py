@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from magwire_env.envs.vector_env import MagWireVectorEnv
-from magwire_env.simulation import algorithm1 as a1
+from magwire_env.simulation.locked import algorithm1 as a1
 
 from . import dynamic_programming as dp
 from .force_table import SpeedTable, speed_tables

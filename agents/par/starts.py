@@ -11,8 +11,8 @@ import numpy as np
 from magwire_env.envs import kernels
 from magwire_env.envs.core import SteeringCore
 from magwire_env.envs.task import Task
-from magwire_env.simulation import algorithm1 as a1
-from magwire_env.simulation.batch import LaneArrays, Library
+from magwire_env.simulation.locked import algorithm1 as a1
+from magwire_env.simulation.locked.arrays import LaneArrays, Library
 
 __all__ = ["FAILED", "Outcome", "Starts", "Trials", "actions_of", "commands_of"]
 

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from ..physics.checks import one_of, positive, whole
+from ..quasistatic import certificate
 from ..scenario import Scenario
-from ..simulation import Simulator, certificate
+from ..simulation import Simulator
 from . import kernels
 from .action import Actuation
 from .episode import DRAWS, beginnings, references
@@ -240,7 +241,7 @@ class SteeringCore:
 
 def _scenarios(task: Task, given: Any, coupling: str | None, split: str, pool_size: int) -> list[Scenario]:
     if given is None and task.pool is not None:
-        from ..simulation.pool import scenario_pool
+        from ..quasistatic.pool import scenario_pool
 
         given = list(scenario_pool(task.pool, split, whole("pool_size", pool_size, 1)))
     elif given is None:

@@ -46,7 +46,7 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
     instead, `"direction"` takes the angle's (cos, sin).
 
     ## Dynamics
-    Algorithm 1 of the paper, see `magwire_env.simulation.algorithm1`: 0.1 s a control step.
+    Algorithm 1 of the paper, see `magwire_env.simulation.locked.algorithm1`: 0.1 s a control step.
 
     ## Reward
     ``reward/progress`` 10 × the share of the way covered, ``reward/success`` 10 on reaching the goal, ``reward/time``

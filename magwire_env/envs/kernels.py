@@ -11,7 +11,8 @@ import math
 import numpy as np
 from numba import njit
 
-from ..simulation.algorithm1 import (
+from ..simulation.lanes import LANES, absolute, load, maximum, minimum, sin_cos, store, where
+from ..simulation.locked.algorithm1 import (
     DOF_STRIDE,
     HIGH,
     INV_PERIOD,
@@ -27,7 +28,6 @@ from ..simulation.algorithm1 import (
     TURN_SLOTS,
     WRENCH,
 )
-from ..simulation.lanes import LANES, absolute, load, maximum, minimum, sin_cos, store, where
 
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
 

@@ -10,8 +10,8 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from ..simulation import Simulator
-from ..simulation.algorithm1 import OUT_FIELDS
 from ..simulation.lanes import LANES
+from ..simulation.locked.algorithm1 import OUT_FIELDS
 from . import kernels
 
 if TYPE_CHECKING:

@@ -114,7 +114,7 @@ _GENERATED = """
 
     ## Arguments
     As `MagWireEnv`'s; `split="train"`, "test" or "ood" and `pool_size=` choose the pool, see
-    `magwire_env.simulation.pool` for what its tracts, wires and rigs are.
+    `magwire_env.quasistatic.pool` for what its tracts, wires and rigs are.
 
     ## Version History
     * v0: first

@@ -43,7 +43,7 @@ class Task:
 
     kind : of `KINDS`
     scenario : makes the default scenario; or
-    pool : the kind of certified scenarios, see `magwire_env.simulation.pool`, that every episode draws one from
+    pool : the kind of certified scenarios, see `magwire_env.quasistatic.pool`, that every episode draws one from
     start_spread : m; a steering episode starts with the tip at the wire's length plus or minus this, uniform
     goal_margin : m; no goal lies nearer than this to the end of the tract
     tolerance : m; a target is held within it, and tracking succeeds with an RMS error below it

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from ..physics import Tract
+from .curve import Tract
 from ..physics.checks import finite
 
 __all__ = ["Branch"]

@@ -238,8 +238,8 @@ def _kept(path: Path, arguments: tuple) -> Path:
         with f.open("rb") as stream:
             while block := stream.read(1 << 20):
                 whole.update(block)
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "magwire" / "lumens"
-    return folder / f"{whole.hexdigest()[:32]}.lumen"
+    folder = Path(os.environ.get("MAGWIRE_CACHE") or Path.home() / ".cache" / "magwire")
+    return folder / "lumens" / f"{whole.hexdigest()[:32]}.lumen"
 
 
 def _keep(lumen: Lumen, kept: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..physics import Tract
+from .curve import Tract
 from ..physics.checks import finite, points_array
 from .branch import Branch
 from .route import Place, Route

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..physics import Tract
+from .curve import Tract
 from .branch import Branch
 from .lumen import Lumen
 from .reading import MOST_BYTES, reading

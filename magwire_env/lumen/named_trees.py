@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ..anatomy import named
-from ..physics import Tract
+from . import named
+from .curve import Tract
 from ..physics.checks import in_range, one_of, positive, vector
 from .branch import Branch
 from .lumen import Lumen

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ..physics import vtk_polydata as xml_format
+from . import vtk_polydata as xml_format
 from .reading import reading, whole_file
 
 __all__ = ["PolyData", "read_polydata"]

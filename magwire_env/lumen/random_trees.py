@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
-from ..anatomy.generator import SPLITS, Bounds, generate
-from ..physics import Tract
+from .generator import SPLITS, Bounds, generate
+from .curve import Tract
 from ..physics.checks import non_negative, one_of, positive, vector, whole
 from .lumen import Lumen
 

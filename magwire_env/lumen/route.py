@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..physics import Tract
+from .curve import Tract
 
 if TYPE_CHECKING:
     from .branch import Branch

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ..physics import centreline_files
+from . import files as centreline_files
 from .polydata import PolyData, read_polydata
 from .reading import decoded_text, reading
 

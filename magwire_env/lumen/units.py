@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..physics.centreline_files import UNITS
+from .files import UNITS
 
 __all__ = ["UNITS", "settled_unit"]
 

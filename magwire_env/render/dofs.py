@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..rig import Slide, Turn
+from ..quasistatic.forcemap import command_range
 from ..scenario import Scenario
-from ..simulation.forcemap import command_range
+from ..scenario.rig import Slide, Turn
 
 __all__ = ["Dof", "dofs_of", "number"]
 

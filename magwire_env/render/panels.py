@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ..quasistatic.forcemap import force_map
 from ..scenario import Scenario
-from ..simulation.forcemap import force_map
 from . import paint
 from .dofs import Dof, dofs_of, number
 from .paint import Brush

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..envs.core import SteeringCore
 from ..physics.magnets import BlockMagnet, CylinderMagnet, Magnet
-from ..rig import Turn
 from ..scenario import Scenario
+from ..scenario.rig import Turn
 
 __all__ = [
     "Snapshot",

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..rig import Slide
 from ..scenario import Scenario
+from ..scenario.rig import Slide
 from . import paint
 from .paint import Brush
 from .snapshot import Snapshot, body_halves, force_scale, magnet_rotations

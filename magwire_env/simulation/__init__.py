@@ -1,19 +1,17 @@
-"""Scenarios in motion: the batched kernel, the simulator, force maps, best commands, certificates and placement."""
+"""Scenarios in motion: the simulator and the wire models behind it."""
 
-from .certificate import Certificate, certificate, certify
-from .forcemap import best_command, drive_at, force_map
-from .placement import best_placement
+from importlib import import_module
+from typing import Any
+
 from .simulator import Simulator, SimulatorState, Trajectories
 
-__all__ = [
-    "Certificate",
-    "Simulator",
-    "SimulatorState",
-    "Trajectories",
-    "best_command",
-    "best_placement",
-    "certificate",
-    "certify",
-    "drive_at",
-    "force_map",
-]
+__all__ = ["Simulator", "SimulatorState", "Trajectories"]
+
+_THEORY = ("best_command", "best_placement", "certificate", "certify", "drive_at", "force_map", "Certificate")
+"""Names that users may import from here too; they live one floor up, in `magwire_env.quasistatic`."""
+
+
+def __getattr__(name: str) -> Any:
+    if name in _THEORY:
+        return getattr(import_module("magwire_env.quasistatic"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

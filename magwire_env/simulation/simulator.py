@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..scenario import Scenario
-from . import algorithm1 as a1
-from .batch import LaneArrays, Library
+from .locked import algorithm1 as a1
+from .locked.arrays import LaneArrays, Library
 
 __all__ = ["Simulator", "SimulatorState", "Trajectories"]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..anatomy.named import straight
+from ..lumen.named import straight
 from ..physics import PointDipole, force
 from ..scenario import ActuatedMagnet, Rig, Scenario, Turn, above
 from ..simulation import Simulator, best_command, drive_at

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from ..physics import BlockMagnet, CylinderMagnet, DipoleCloud, field, field_gradient, force, torque
-from ..rig import cheapest_rule
 from ..scenario import Scenario
+from ..scenario.rig import cheapest_rule
 from ..simulation import Simulator, best_command
 from .report import Row, Size, at_most
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from ..anatomy.named import circle
+from ..lumen.named import circle
 from ..physics import CylinderMagnet, Guidewire, PointDipole, Tract, field
 from ..scenario import ActuatedMagnet, Contact, Rig, Scenario, Timing, Turn
 from ..simulation import Simulator, best_command, drive_at

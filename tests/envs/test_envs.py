@@ -53,10 +53,9 @@ def test_same_seed_same_trajectory(env_id):
 
 
 SCRIPT = """
-import hashlib, sys
-sys.path.insert(0, {folder!r})
+import hashlib
 import gymnasium as gym, magwire_env
-from test_envs import rollout
+from tests.envs.test_envs import rollout
 print(hashlib.sha256(rollout(gym.make({env_id!r}), 3).tobytes()).hexdigest())
 """
 
@@ -65,8 +64,9 @@ def test_same_trajectory_in_another_process():
     import hashlib
     from pathlib import Path
 
-    script = SCRIPT.format(folder=str(Path(__file__).parent), env_id=IDS[0])
-    there = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.strip()
+    command = [sys.executable, "-c", SCRIPT.format(env_id=IDS[0])]
+    root = Path(__file__).parents[2]
+    there = subprocess.run(command, capture_output=True, text=True, check=True, cwd=root).stdout.strip()
     assert there == hashlib.sha256(rollout(gym.make(IDS[0]), 3).tobytes()).hexdigest()
 
 

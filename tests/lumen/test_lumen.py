@@ -9,7 +9,7 @@ import pytest
 from magwire_env.lumen.branch import Branch
 from magwire_env.lumen.lumen import Lumen
 from magwire_env.lumen.named_trees import LUMENS, aortic_arch, box, fork, straight, two_forks
-from magwire_env.physics import Tract
+from magwire_env.lumen import Tract
 
 RNG = np.random.default_rng(0)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from magwire_env.physics import MU0, BlockMagnet, CylinderMagnet, PointDipole, field, field_gradient, force
-from magwire_env.rig import cheapest_rule
+from magwire_env.scenario.rig import cheapest_rule
 
 EDGE = 50.8e-3
 BLOCK = BlockMagnet(size=(EDGE,) * 3, remanence=1.3)

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from oracle import Oracle
 
 from magwire_env.scenario import Scenario
 from magwire_env.simulation import Simulator, best_command
+from tests.reference.oracle import Oracle
 
 STEP, SECONDS, PERIOD = 5e-5, 0.3, 0.1
 TURN = 0.3  # rad, by which the magnet stands short of its command at the start; its servo turns it there on the way

@@ -16,7 +16,7 @@ from magwire_env.render.dofs import dofs_of
 from magwire_env.render.frames import Frames
 from magwire_env.render.panels import History
 from magwire_env.render.snapshot import blend, magnet_rotations, snapshots
-from magwire_env.rig import Coil, Rig, Slide, Turn
+from magwire_env.scenario.rig import Coil, Rig, Slide, Turn
 
 ID = "MagWire/Steer-v0"
 

@@ -20,7 +20,7 @@ from magwire_env.physics import BlockMagnet, field
 from magwire_env.render import meshes
 from magwire_env.render.browser import Page
 from magwire_env.render.controls import HAND
-from magwire_env.rig import Coil, Rig, Slide, Turn
+from magwire_env.scenario.rig import Coil, Rig, Slide, Turn
 
 CHROMIUM = next((path for name in ("chromium", "chromium-browser") if (path := shutil.which(name))), None)
 WIDTH, HEIGHT = 1100, 700

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import train
-from agents.cli import main as magwire
+from agents.cli.main import main as magwire
+from agents.cli.pictures import trace
+from agents.cli.view import _lazily, _policies, _time_of_max_force
 from agents.controllers import MaxForce
-from agents.pictures import trace
-from agents.view_cli import _lazily, _policies, _time_of_max_force
 from magwire_env.render.frames import Frames
 from magwire_env.render.play import SIZE, Game, play, shown
 

@@ -12,7 +12,7 @@ import pytest
 from gymnasium.wrappers import RecordVideo
 from gymnasium.wrappers.vector import RecordVideo as RecordVideos
 
-from agents.cli import main as magwire
+from agents.cli.main import main as magwire
 
 ID = "MagWire/Steer-v0"
 

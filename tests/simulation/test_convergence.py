@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from scenes import elastic_energy, lumped_mass
 
 from magwire_env.scenario import Scenario, Timing
 from magwire_env.simulation import Simulator, best_command
+from tests.support.scenes import elastic_energy, lumped_mass
 
 START = 0.5
 

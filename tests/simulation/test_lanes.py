@@ -4,12 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scenes import world
 
-from magwire_env.anatomy.named import circle, helix, small_bowel_loops, straight
+from magwire_env.lumen.named import circle, helix, small_bowel_loops, straight
 from magwire_env.physics import CylinderMagnet, PointDipole
 from magwire_env.scenario import ActuatedMagnet, Rig, Scenario, Slide, Turn
 from magwire_env.simulation import Simulator
+from tests.support.scenes import world
 
 PAPER = Scenario.paper()
 MOUNT = PAPER.rig.magnets[0]

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import line, world
 
-from magwire_env.anatomy.named import circle
+from magwire_env.lumen.named import circle
 from magwire_env.scenario import ActuatedMagnet, Rig, Scenario, Slide
 from magwire_env.simulation import Simulator, SimulatorState
+from tests.support.scenes import line, world
 
 PAPER = Scenario.paper()
 RNG = np.random.default_rng

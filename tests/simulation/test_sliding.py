@@ -9,11 +9,11 @@ import math
 
 import numpy as np
 import pytest
-from scenes import TIP, line, lumped_mass, placed, world
 from scipy.integrate import solve_ivp
 
 from magwire_env.scenario import Scenario, Timing
 from magwire_env.simulation import Simulator
+from tests.support.scenes import TIP, line, lumped_mass, placed, world
 
 MU, STICK = 0.05, 1e-4
 REST = np.zeros((1, 1))

@@ -1,6 +1,6 @@
 """The accuracy at which speed is quoted: recorded commands replayed against a converged run, on five scenarios.
 
-`python tests/speed/accuracy.py` prints one row a scenario: the largest error of the tip's arc length on the way
+`python -m tests.speed.accuracy` prints one row a scenario: the largest error of the tip's arc length on the way
 (allowed 5 mm) and of the lateral load as a share of its peak (allowed 10 %).
 """
 

@@ -1,6 +1,6 @@
 """The speed benchmarks: every figure a ratio or a median from this one run, with its spread.
 
-`python tests/speed/bench.py` prints them all as Markdown; `--only rates cold` some; `--write` puts them, with the plot,
+`python -m tests.speed.bench` prints them all as Markdown; `--only rates cold` some; `--write` puts them, with the plot,
 into ``docs/speed.md`` between its marks.
 """
 
@@ -13,14 +13,11 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import cold
-import rates
-import scaling
-import stages
-from accuracy import references
+from tests.speed import cold, rates, scaling, stages
+from tests.speed.accuracy import references
 
 DOCS = Path(__file__).parents[2] / "docs"
-BEGIN, END = "<!-- printed by tests/speed/bench.py -->", "<!-- end -->"
+BEGIN, END = "<!-- printed by tests.speed.bench -->", "<!-- end -->"
 
 
 def machine() -> str:

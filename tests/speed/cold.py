@@ -9,7 +9,8 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from measure import table
+
+from tests.speed.measure import table
 
 ROOT = Path(__file__).parents[2]
 

@@ -1,6 +1,6 @@
 """How long one decision of a controller takes in a single env, on every task: median and quantiles over an episode.
 
-`python tests/speed/decisions.py [--controller MPPI] [--decisions N]` prints one row a task; control is at 10 Hz.
+`python -m tests.speed.decisions [--controller MPPI] [--decisions N]` prints one row a task; control is at 10 Hz.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Frames a second of `render()` at 640 × 480, and updates a second of the browser page's scene, on one core.
 
-python tests/speed/frames.py
+python -m tests.speed.frames
 """
 
 from __future__ import annotations

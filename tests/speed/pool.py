@@ -1,9 +1,9 @@
-"""Time to generate and certify pools: `python tests/speed/pool.py [size]`, for every kind of task."""
+"""Time to generate and certify pools: `python -m tests.speed.pool [size]`, for every kind of task."""
 
 import sys
 import time
 
-from magwire_env.simulation.pool import KINDS, build_pool
+from magwire_env.quasistatic.pool import KINDS, build_pool
 
 
 def main(size: int = 1000) -> None:

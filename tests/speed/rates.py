@@ -8,14 +8,14 @@ from collections.abc import Callable
 
 import gymnasium as gym
 import numpy as np
-from accuracy import Accuracy, accuracy, five_scenarios, references
-from measure import both_rates, number, rate, rates, ratio, table, timed
 
 import magwire_env  # noqa: F401  (registers the ids)
 from magwire_env import Scenario, Simulator
-from magwire_env.anatomy import generate
+from magwire_env.lumen import generate
 from magwire_env.scenario import above
 from magwire_env.simulation import best_command
+from tests.speed.accuracy import Accuracy, accuracy, five_scenarios, references
+from tests.speed.measure import both_rates, number, rate, rates, ratio, table, timed
 
 TASK = "MagWire/Steer-v0"
 STEPS = 120
@@ -192,7 +192,7 @@ def training(lanes: int = 256, rollouts: int = 2) -> str:
         from stable_baselines3 import PPO
         from stable_baselines3.common.vec_env import VecEnv
 
-        from agents.learning import hyperparameters, make_vec_env
+        from agents.learning.sb3 import hyperparameters, make_vec_env
     except ImportError as error:
         return f"PPO: skipped: {error}"
     real = make_vec_env(TASK, lanes, seed=0)

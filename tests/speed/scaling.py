@@ -6,10 +6,10 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-from measure import number, table, timed
-from rates import said, worst_accuracy
 
 from magwire_env import Scenario, Simulator
+from tests.speed.measure import number, table, timed
+from tests.speed.rates import said, worst_accuracy
 
 NODES = (8, 16, 32, 64, 128)
 LANES = (1, 4, 16, 64, 256, 1024, 4096, 16384)

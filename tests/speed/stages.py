@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from measure import table
 from numba import njit
-from rates import TASK, max_force_actions
 
-from magwire_env.simulation import algorithm1 as a1
-from magwire_env.simulation.batch import _zeros
 from magwire_env.simulation.lanes import LANES, gather, load, spread, store
+from magwire_env.simulation.locked import algorithm1 as a1
+from magwire_env.simulation.locked.arrays import _zeros
+from tests.speed.measure import table
+from tests.speed.rates import TASK, max_force_actions
 
 _JIT = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
 

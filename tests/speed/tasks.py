@@ -1,6 +1,6 @@
 """Steps a second of every task's native batch beside Steer's, in turn in one run, resets as they come.
 
-`python tests/speed/tasks.py [--lanes N]` prints one row a task; the pools are built before the clock starts.
+`python -m tests.speed.tasks [--lanes N]` prints one row a task; the pools are built before the clock starts.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """The resolution at which speed is quoted is accurate: no clock here, only the motion (PHYSICS.md section 4)."""
 
-import accuracy as acc
 import numpy as np
 import pytest
+
+from tests.speed import accuracy as acc
 
 SCENARIOS = {scenario.name: scenario for scenario in acc.five_scenarios()}
 MEASURED = {  # largest error of the arc length on the way in m, of the lateral load as a share of its peak

@@ -1,0 +1,269 @@
+"""From the benchmark's finished cells to the numbers of its report, with their intervals."""
+
+from __future__ import annotations
+
+import csv
+import datetime
+import os
+import platform
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from magwire_env.envs.task import TASKS
+
+from ..evaluation.evaluator import EVALUATION_SEED, Episodes
+from ..evaluation.robustness import sweep_scores
+from ..evaluation.statistics import interquartile_mean, interval, median, performance_profile, stratified_bootstrap
+from .plan import FLOORS, PAR, Arena, Cell, Plan, plain_name
+
+__all__ = ["TAUS", "collect"]
+
+TAUS = np.concatenate([np.arange(0.0, 0.8, 0.05), np.arange(0.8, 1.0501, 0.01)])
+"""Scores at which performance profiles are drawn."""
+
+_PACKAGES = ("magwire-env", "gymnasium", "numpy", "numba", "scipy", "torch", "stable-baselines3", "sb3-contrib")
+
+
+def collect(plan: Plan, out: Path) -> dict[str, Any]:
+    """All that the report says, in plain numbers of five digits; what does not exist is null.
+
+    Cells that are missing, or were made with other settings, are named under "missing".
+    """
+    cells = plan.cells()
+    records = {cell: plan.record(cell, out) for cell in cells}
+    arenas, scores = [], {}
+    for arena in plan.arenas:
+        entry, scores[arena.name] = _arena(plan, arena, records)
+        arenas.append(entry)
+    return _rounded(
+        {
+            "made": _made(),
+            "work": _work(records),
+            "arenas": arenas,
+            "overall": _overall(plan, scores),
+            "learning": _learning(plan, records),
+            "decisions": _decisions(records),
+            "robustness": _robustness(plan, records),
+            "missing": [cell.name for cell, record in records.items() if record is None],
+        }
+    )
+
+
+Records = dict[Cell, dict[str, Any] | None]
+
+
+def _made() -> dict[str, Any]:
+    return {
+        "date": datetime.date.today().isoformat(),
+        "cpu": _cpu(),
+        "cores": os.cpu_count(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "versions": {name: version(name) for name in _PACKAGES},
+        "first_seed": EVALUATION_SEED,
+    }
+
+
+def _cpu() -> str:
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        for line in info.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or "unknown processor"
+
+
+def _work(records: Records) -> dict[str, Any]:
+    """Kind of cell → how many are finished, and their seconds of one core together."""
+    work: dict[str, dict[str, float]] = {}
+    for cell, record in records.items():
+        if record is not None:
+            entry = work.setdefault(cell.kind, {"cells": 0, "seconds": 0.0})
+            entry["cells"] += 1
+            entry["seconds"] += record["seconds"]
+    return work
+
+
+# --- arenas -----------------------------------------------------------------------------------------------------------
+
+
+def _arena(plan: Plan, arena: Arena, records: Records) -> tuple[dict[str, Any], dict[str, list[np.ndarray]]]:
+    """An arena's entry, and every policy's scores, one array a training seed."""
+    found = records[plan.par(arena)]
+    par = None if found is None else Episodes.from_json(found)
+    policies, scores = [], {}
+    names: list[tuple[str, str, list[Cell]]] = [(PAR, "par", [plan.par(arena)])]
+    for name in plan.controllers(arena):
+        kind = "floor" if name in FLOORS else "controller"
+        names.append((name, kind, [Cell("evaluate", arena.name, name)]))
+    for algorithm, seeds in plan.trained(arena).items():
+        names.append((algorithm, "trained", [Cell("evaluate", arena.name, algorithm, c.seed) for c in seeds]))
+    for name, kind, cells in names:
+        entry, scores[name] = _policy([records[cell] for cell in cells], par)
+        policies.append({"policy": name, "kind": kind, **entry})
+    best = max(
+        ((e["score_mean"], e["policy"]) for e in policies if e["kind"] != "par" and _there(e.get("score_mean"))),
+        default=(None, None),
+    )
+    entry = {
+        "name": arena.name, "task": arena.task, "tracking": arena.tracking, "split": arena.split,
+        "scenario": arena.scenario, "episodes": plan.episodes_of(arena), "bracket": _bracket(found),
+        "best_mean_score": best[0], "best_policy": best[1], "policies": policies,
+        "profiles": {name: _profile(groups) for name, groups in scores.items() if groups and name != PAR},
+    }  # fmt: skip
+    return entry, scores
+
+
+def _there(value: Any) -> bool:
+    return value is not None and value == value
+
+
+def _policy(found: Sequence[dict[str, Any] | None], par: Episodes | None) -> tuple[dict[str, Any], list[np.ndarray]]:
+    """A policy's aggregates over its training seeds (strata), and its scores."""
+    records = [record for record in found if record is not None]
+    entry: dict[str, Any] = {"seeds": len(records), "seeds_planned": len(found)}
+    if not records:
+        return entry | {"state": "missing"}, []
+    if "not_applicable" in records[0]:
+        return entry | {"state": "not applicable", "reason": records[0]["not_applicable"]}, []
+    rows = [Episodes.from_json(record) for record in records]
+    scores = [] if par is None else [_finite(row.score(par)) for row in rows]
+
+    def over(of: Callable[[Episodes], np.ndarray]) -> np.ndarray:
+        return np.concatenate([of(row) for row in rows])
+
+    success = over(lambda r: r.success)
+    entry |= {
+        "state": "played",
+        "success": float(success.mean()),
+        "success_of_seeds": [float(row.success.mean()) for row in rows],
+        "time_s": interval([row.time[row.success] for row in rows], median),
+        "rms_error_mm": interval([1e3 * _finite(row.rms_error) for row in rows], median),
+        "score": interval(scores, interquartile_mean),
+        "score_mean": float(np.concatenate(scores).mean()) if any(map(len, scores)) else None,
+        "path_ratio": float(over(lambda r: r.path_ratio).mean()),
+        "peak_wall_force_mN": 1e3 * float(np.median(over(lambda r: r.peak_wall_force))),
+        "mean_wall_force_mN": 1e3 * float(over(lambda r: r.mean_wall_force).mean()),
+        "magnet_travel": float(np.median(over(lambda r: r.magnet_travel))),
+        "cost_mN_steps": 1e3 * float(over(lambda r: r.cost).mean()),
+    }
+    return entry, [group for group in scores if len(group)]
+
+
+def _finite(values: np.ndarray) -> np.ndarray:
+    return values[np.isfinite(values)]
+
+
+def _bracket(par: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Of the episodes that the par finished: mean bounds, s, and the gap, upper / lower − 1."""
+    if par is None or par["lower_bound_s"] is None:
+        return None
+    upper = np.array([np.nan if t is None else t for t in par["episodes"]["time"]])
+    reached = np.isfinite(upper)
+    if not reached.any():
+        return None
+    lower, upper = np.array(par["lower_bound_s"], dtype=float)[reached], upper[reached]
+    gap = upper / lower - 1.0
+    return {"lower_s": lower.mean(), "upper_s": upper.mean(), "gap": upper.mean() / lower.mean() - 1.0,
+            "gap_least": gap.min(), "gap_largest": gap.max()}  # fmt: skip
+
+
+def _profile(groups: list[np.ndarray]) -> dict[str, list[float]]:
+    value, low, high = stratified_bootstrap(groups, lambda scores: performance_profile(scores, TAUS), resamples=400)
+    return {name: np.round(row, 3).tolist() for name, row in (("share", value), ("low", low), ("high", high))}
+
+
+def _overall(plan: Plan, scores: dict[str, dict[str, list[np.ndarray]]]) -> list[dict[str, Any]]:
+    """Interquartile mean of the score over all registered tasks, for policies that play in all; strata are the tasks
+    and their training seeds."""
+    tasks = [arena.name for arena in plan.arenas if arena.name in {plain_name(task) for task in TASKS}]
+    names = list(dict.fromkeys(name for task in tasks for name in scores[task]))
+    rows = []
+    for name in names:
+        groups = [scores[task].get(name, []) for task in tasks]
+        if all(groups):
+            # As many episodes a task: a policy with more training seeds, or an arena with more tracts, weighs no more.
+            share = min(len(group) for seeds in groups for group in seeds)
+            score = interval([group[:share] for seeds in groups for group in seeds], interquartile_mean)
+            rows.append({"policy": name, "tasks": len(tasks), "score": score})
+    return sorted(rows, key=lambda row: -row["score"][0])
+
+
+# --- learning, decisions, robustness ----------------------------------------------------------------------------------
+
+
+def _learning(plan: Plan, records: Records) -> list[dict[str, Any]]:
+    """One entry an arena and algorithm: the learning curves' mean and range over the training seeds."""
+    found = []
+    for arena in plan.arenas:
+        for algorithm, cells in plan.trained(arena).items():
+            done = [record for cell in cells if (record := records[cell]) is not None]
+            if arena.models is not None or not done:
+                continue
+            curves = [list(csv.DictReader(record["curve"].splitlines())) for record in done]
+            steps = np.array([float(row["timesteps"]) for row in curves[0]])
+            entry: dict[str, Any] = {
+                "arena": arena.name, "algorithm": algorithm, "tracking": arena.tracking, "seeds": len(done),
+                "steps": steps.tolist(),
+                "training_seconds": [record["seconds"] for record in done if not record["resumed"]],
+            }  # fmt: skip
+            columns = ("success", "success_rate"), ("time_s", "median_time_s"), ("reward", "mean_reward")
+            for name, column in columns:
+                lines = np.array([_on(steps, curve, column) for curve in curves])
+                entry[name] = _mean_and_range(lines)
+            found.append(entry)
+    return found
+
+
+def _on(steps: np.ndarray, curve: Sequence[dict[str, str]], column: str) -> np.ndarray:
+    """A curve's column at `steps`, NaN where there is no number yet."""
+    own = np.array([float(row["timesteps"]) for row in curve])
+    return np.interp(steps, own, [float(row[column] or "nan") for row in curve])
+
+
+def _mean_and_range(lines: np.ndarray) -> dict[str, list[float]]:
+    """Over the rows that have a number; NaN where none has."""
+    some = np.isfinite(lines).any(axis=0)
+    kept = np.where(np.isfinite(lines).any(axis=0), lines, 0.0)
+    return {
+        name: np.where(some, of(kept, axis=0), np.nan).tolist()
+        for name, of in (("mean", np.nanmean), ("low", np.nanmin), ("high", np.nanmax))
+    }
+
+
+def _decisions(records: Records) -> list[dict[str, Any]]:
+    return [
+        {"arena": cell.arena, "policy": cell.policy, **record["milliseconds"]}
+        for cell, record in records.items()
+        if cell.kind == "decide" and record is not None and "milliseconds" in record
+    ]
+
+
+def _robustness(plan: Plan, records: Records) -> list[dict[str, Any]]:
+    found = []
+    for cell, record in records.items():
+        if cell.kind != "robustness" or record is None:
+            continue
+        par = records[plan.par(plan.arena(cell.arena))]
+        episodes = {name: Episodes.from_json(stored) for name, stored in record["disturbed"].items()}
+        rows = sweep_scores(episodes, None if par is None else Episodes.from_json(par))
+        found.append(
+            {"arena": cell.arena, "policy": cell.policy, "episodes": record["settings"]["episodes"],
+             "against": cell.policy if par is None else PAR, "rows": rows}
+        )  # fmt: skip
+    return found
+
+
+def _rounded(value: Any) -> Any:
+    """Plain Python values; five digits, null for what is not a number."""
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_rounded(item) for item in value]
+    if isinstance(value, (float, np.floating)):
+        return float(f"{value:.5g}") if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value

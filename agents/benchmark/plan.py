@@ -1,0 +1,263 @@
+"""The benchmark's plan: which policies meet in which arenas, and the cells of work that this comes to.
+
+Every cell is one file under the output folder, made once; it records the settings it was made with, and is made again
+when they differ. `cells` says what a cell computes, `jobs` runs them, `aggregates` sums them up.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from magwire_env.envs.task import TASKS, Task
+
+from ..controllers import CONTROLLERS
+from ..evaluation.evaluator import EVALUATION_SEED
+from ..evaluation.robustness import DISTURBANCES
+from ..learning.sb3 import hyperparameters
+
+__all__ = ["ARENAS", "FLOORS", "HARD", "LEARNERS", "PAR", "Arena", "Cell", "Learner", "Plan", "plain_name"]
+
+HARD = "hard"
+"""Name of the shipped scenario that is solvable with a small margin."""
+
+PAR = "Optimal"
+"""The controller that every score is measured by."""
+
+FLOORS = ("ConstantRotation", "Random")
+"""Controllers that see nothing."""
+
+DECIDERS = ("MPPI",)
+"""Controllers that plan online, whose time for one decision is measured."""
+
+ROBUSTNESS = {
+    "Steer": ("MaxForce", "NetForce", "MPPI", "ExtremumSeeking", "ppo"),
+    "SteerAny": ("NetForce", "ppo"),
+}
+"""Arena → policies of the robustness sweep; of a trained one its first seed."""
+
+ROBUSTNESS_EPISODES = 50
+DECISIONS = 100
+
+
+@dataclass(frozen=True)
+class Arena:
+    """Where policies are compared.
+
+    split : of a generated task's tracts; the first `episodes` of them are ridden once each
+    scenario : shipped name in place of the task's
+    episodes : evaluation's seeds
+    controllers : those that play here; by default all there are
+    models : the arena that the trained policies played here were trained for; by default this one
+    par : the arena of the same episodes whose par counts here; by default this one
+    """
+
+    name: str
+    task: str
+    split: str | None = None
+    scenario: str | None = None
+    episodes: int = 200
+    controllers: tuple[str, ...] | None = None
+    models: str | None = None
+    par: str | None = None
+
+    @property
+    def env(self) -> dict[str, Any]:
+        """Keyword arguments of the evaluation's env."""
+        return {k: v for k, v in (("split", self.split), ("scenario", self.scenario)) if v is not None}
+
+    @property
+    def tracking(self) -> bool:
+        return TASKS[self.task].kind == "track"
+
+
+@dataclass(frozen=True)
+class Learner:
+    """A learning algorithm, the arenas it is trained for, and how many seeds of it."""
+
+    algorithm: str
+    arenas: tuple[str, ...]
+    seeds: int
+
+
+def plain_name(task: str) -> str:
+    """``"MagWire/Steer-v0"`` → ``"Steer"``."""
+    return task.rpartition("/")[2].rpartition("-v")[0]
+
+
+def _own(task: Task) -> Arena:
+    name = plain_name(task.id)
+    if task.pool is None:
+        return Arena(name, task.id)
+    return Arena(name, task.id, split="test", episodes=500 if name in ("SteerAny", "Chase") else 200)
+
+
+ARENAS: tuple[Arena, ...] = (
+    *map(_own, TASKS.values()),
+    Arena("SteerAny ood", "MagWire/SteerAny-v0", split="ood", models="SteerAny", episodes=100),
+    Arena("Chase ood", "MagWire/Chase-v0", split="ood", models="Chase"),
+    Arena("Hard", "MagWire/Steer-v0", scenario=HARD),
+    Arena(
+        "SteerAny force only", "MagWire/SteerAny-v0", split="test", episodes=500,
+        controllers=("ExtremumSeeking", *FLOORS), par="SteerAny",
+    ),
+)  # fmt: skip
+"""Every registered task, then its variants."""
+
+_FORCE_ONLY = ("SteerAny force only",)
+
+LEARNERS: tuple[Learner, ...] = (
+    Learner("ppo", tuple(a.name for a in ARENAS if a.models is None and a.name not in _FORCE_ONLY), 5),
+    Learner("sac", ("Steer", "SteerAny", "Chase"), 3),
+    Learner("tqc", ("Steer", "SteerAny", "Chase"), 3),
+    Learner("crossq", ("Steer", "SteerAny", "Chase"), 3),
+    Learner("stacked_ppo", _FORCE_ONLY, 5),
+)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One piece of work and the file it leaves.
+
+    kind : "train", "evaluate", "par", "decide" or "robustness"
+    seed : training seed of a trained policy; None for a controller
+    """
+
+    kind: str
+    arena: str
+    policy: str
+    seed: int | None = None
+
+    @property
+    def name(self) -> str:
+        return f"{self.kind} {self.arena} {self.policy}" + ("" if self.seed is None else f" seed {self.seed}")
+
+    @property
+    def stem(self) -> str:
+        words = [self.arena.replace(" ", "_"), self.policy] + ([] if self.seed is None else [f"seed{self.seed}"])
+        return "-".join(words)
+
+    def file(self, out: Path) -> Path:
+        """The record."""
+        return out / self.kind / f"{self.stem}.json"
+
+    def run(self, out: Path) -> Path:
+        """The run folder of a training cell."""
+        return out / "runs" / self.stem
+
+    def log(self, out: Path) -> Path:
+        """What was printed while it was made, and why it failed."""
+        return out / "logs" / f"{self.kind}-{self.stem}.log"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All cells, and what they are made with.
+
+    episodes, timesteps, seeds : at most so many, in place of the arenas' and learners' own; for trying out
+    """
+
+    arenas: tuple[Arena, ...] = ARENAS
+    learners: tuple[Learner, ...] = LEARNERS
+    robustness: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: ROBUSTNESS)
+    episodes: int | None = None
+    timesteps: int | None = None
+    seeds: int | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("episodes", "timesteps", "seeds"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise ValueError(f"{name} must be at least 1, got {value}")
+
+    def arena(self, name: str) -> Arena:
+        """The arena of this name."""
+        return next(arena for arena in self.arenas if arena.name == name)
+
+    def episodes_of(self, arena: Arena) -> int:
+        return min(arena.episodes, self.episodes or arena.episodes)
+
+    def controllers(self, arena: Arena) -> list[str]:
+        """Names of the controllers that play in an arena, the par's not among them."""
+        return [name for name in CONTROLLERS if name != PAR and name in (arena.controllers or CONTROLLERS)]
+
+    def trained(self, arena: Arena) -> dict[str, list[Cell]]:
+        """Algorithm → the training cells, one a seed, whose models play in an arena."""
+        home = arena.models or arena.name
+        return {
+            learner.algorithm: [
+                Cell("train", home, learner.algorithm, seed)
+                for seed in range(min(learner.seeds, self.seeds or learner.seeds))
+            ]
+            for learner in self.learners
+            if home in learner.arenas
+        }
+
+    def par(self, arena: Arena) -> Cell:
+        """The cell of the par that counts in an arena."""
+        return Cell("par", arena.par or arena.name, PAR)
+
+    def cells(self) -> list[Cell]:
+        """Every cell, what others need before them."""
+        cells: list[Cell] = []
+        for arena in self.arenas:
+            cells += [cell for seeds in self.trained(arena).values() for cell in seeds]
+        for arena in self.arenas:
+            cells.append(self.par(arena))
+            cells += [Cell("evaluate", arena.name, name) for name in self.controllers(arena)]
+            for algorithm, seeds in self.trained(arena).items():
+                cells += [Cell("evaluate", arena.name, algorithm, cell.seed) for cell in seeds]
+            for name in self.robustness.get(arena.name, ()):
+                if name in CONTROLLERS or name in self.trained(arena):
+                    cells.append(Cell("robustness", arena.name, name, None if name in CONTROLLERS else 0))
+        for arena in map(_own, TASKS.values()):
+            if any(a.name == arena.name for a in self.arenas):
+                cells += [Cell("decide", arena.name, name) for name in DECIDERS if name in CONTROLLERS]
+        return list(dict.fromkeys(cells))
+
+    def training_of(self, cell: Cell) -> Cell | None:
+        """The cell that trains the policy of this one; None for a controller's and for a training cell."""
+        if cell.kind == "train" or cell.seed is None:
+            return None
+        return Cell("train", self.arena(cell.arena).models or cell.arena, cell.policy, cell.seed)
+
+    def settings(self, cell: Cell) -> dict[str, Any]:
+        """All that a cell's result depends on, but the code."""
+        arena = self.arena(cell.arena)
+        if cell.kind == "train":
+            found = hyperparameters(cell.policy, arena.task)
+            if self.timesteps is not None:
+                found["n_timesteps"] = min(self.timesteps, found["n_timesteps"])
+            return {"task": arena.task, "scenario": arena.scenario, "algorithm": cell.policy, "seed": cell.seed,
+                    "hyperparameters": found}  # fmt: skip
+        settings: dict[str, Any] = {"task": arena.task, "env": arena.env, "policy": cell.policy}
+        if cell.kind == "decide":
+            return settings | {"decisions": DECISIONS}
+        settings |= {"episodes": self.episodes_of(arena), "first_seed": EVALUATION_SEED}
+        training = self.training_of(cell)
+        if training is not None:
+            settings["trained"] = self.settings(training)
+        if cell.kind == "robustness":
+            settings["episodes"] = min(settings["episodes"], ROBUSTNESS_EPISODES)
+            settings["disturbances"] = [one.name for one in DISTURBANCES]
+        return settings
+
+    def record(self, cell: Cell, out: Path) -> dict[str, Any] | None:
+        """The finished cell's record; None if it is missing or was made with other settings."""
+        file = cell.file(out)
+        if not file.exists():
+            return None
+        try:
+            record = json.loads(file.read_text(encoding="utf-8"))
+        except json.JSONDecodeError as error:
+            raise ValueError(f"{file} is damaged, delete it: {error}") from error
+        return record if record.get("settings") == json.loads(json.dumps(self.settings(cell))) else None
+
+    def state(self, cell: Cell, out: Path) -> str:
+        """ "finished", "missing", or "outdated" for a record of other settings."""
+        if self.record(cell, out) is not None:
+            return "finished"
+        return "outdated" if cell.file(out).exists() else "missing"

@@ -1,0 +1,285 @@
+"""The benchmark's report: a JSON of aggregates, and from it alone the page, the README's table and the plots."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from .plots import draw, heat_map_name
+
+__all__ = ["MARKS", "insert", "markdown", "readme_table", "text_of", "write"]
+
+MARKS = ("<!-- benchmark:begin -->", "<!-- benchmark:end -->")
+"""Between these lines of the README stands its table."""
+
+_NONE = "–"
+_KINDS = {"par": "par", "controller": "", "floor": "floor", "trained": "trained"}
+
+
+def write(data: dict[str, Any], docs: Path, readme: Path | None = None) -> list[Path]:
+    """Write benchmark.json, benchmark.md and figures/*.png under `docs`, and the README's table; returns the files.
+
+    Each plot carries the JSON's SHA-256, so that a plot of other numbers can be told.
+    """
+    text = text_of(data)
+    data = json.loads(text)
+    docs.mkdir(parents=True, exist_ok=True)
+    files = [docs / "benchmark.json", docs / "benchmark.md"]
+    files[0].write_text(text, encoding="utf-8")
+    files[1].write_text(markdown(data), encoding="utf-8")
+    files += draw(data, docs / "figures", hashlib.sha256(text.encode()).hexdigest())
+    if readme is not None:
+        readme.write_text(insert(readme.read_text(encoding="utf-8"), readme_table(data)), encoding="utf-8")
+        files.append(readme)
+    return files
+
+
+def text_of(data: dict[str, Any]) -> str:
+    """The JSON file's text: one line an entry of the top level's lists, so that it can be compared by eye."""
+    parts = []
+    for key, value in data.items():
+        if isinstance(value, list) and value:
+            lines = ",\n  ".join(_compact(item) for item in value)
+            parts.append(f" {json.dumps(key)}: [\n  {lines}\n ]")
+        else:
+            parts.append(f" {json.dumps(key)}: {_compact(value)}")
+    return "{\n" + ",\n".join(parts) + "\n}\n"
+
+
+def _compact(value: Any) -> str:
+    return json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
+def insert(text: str, table: str) -> str:
+    """`text` with `table` between its `MARKS`. Raises `ValueError` if it does not have each of them once, in order."""
+    if any(text.count(mark) != 1 for mark in MARKS) or text.index(MARKS[0]) > text.index(MARKS[1]):
+        raise ValueError(f"README must hold the lines {MARKS[0]!r} and {MARKS[1]!r} once each, in this order")
+    before, _, rest = text.partition(MARKS[0])
+    return f"{before}{MARKS[0]}\n{table}\n{MARKS[1]}{rest.partition(MARKS[1])[2]}"
+
+
+def readme_table(data: dict[str, Any]) -> str:
+    """Success and score of every policy in every arena."""
+    arenas = data["arenas"]
+    entries = [entry for arena in arenas for entry in arena["policies"]]
+    names = list(dict.fromkeys(entry["policy"] for kind in _KINDS for entry in entries if entry["kind"] == kind))
+    rows = []
+    for name in names:
+        own = [next((p for p in arena["policies"] if p["policy"] == name), None) for arena in arenas]
+        kind = next(entry["kind"] for entry in own if entry is not None)
+        rows.append([_label(name, kind), *(_short(entry) for entry in own)])
+    return _table(["policy", *(arena["name"] for arena in arenas)], rows)
+
+
+def _short(entry: dict[str, Any] | None) -> str:
+    if entry is None or entry["state"] == "not applicable":
+        return _NONE
+    if entry["state"] == "missing":
+        return "missing"
+    score = entry["score"][0]
+    return f"{_percent(entry['success'])} · " + (_NONE if score is None else f"{score:.2f}")
+
+
+def markdown(data: dict[str, Any]) -> str:
+    """The whole page."""
+    parts = [_head(data), _overall(data), *(_arena(arena) for arena in data["arenas"])]
+    parts += [_learning(data), _decisions(data), _robustness(data), _made(data)]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _head(data: dict[str, Any]) -> str:
+    missing = data["missing"]
+    text = f"""# Benchmark
+
+Printed by `magwire benchmark`. Every policy rides the same episodes (seeds from {data["made"]["first_seed"]} on; on
+generated tasks each episode has a certified tract of its own), all numbers stand in [benchmark.json](benchmark.json).
+
+- *par* is `Optimal`, the best trajectory found with the model and the true state in hand, one for every episode;
+  *floor* marks the policies that see nothing.
+- *score* is par's time / own time on the same start, 0 where the goal was not reached; on Track par's RMS error / own.
+  Given is the interquartile mean with its stratified bootstrap 95 % interval (Agarwal et al., 2021): the middle half of
+  the episodes, resampled within every training seed.
+- *time* is the median over the episodes that reached the goal. Trained policies are all their training seeds together.
+- *wall force* at its peak: median over the episodes; *cost* is the wall force above the scenario's limit, summed over
+  the control steps of an episode, mean over the episodes; *travel* is the magnets' median, rad and m summed.
+- The defaults of `MPPI`, `PD` and `ExtremumSeeking` were chosen on some of these episodes (up to 100 of Steer, Track
+  and the test tracts); trained policies and their hyperparameters have seen none of them.
+
+![Performance profiles](figures/benchmark_profiles.png)
+
+![Time against force](figures/benchmark_pareto.png)
+
+Circles are controllers, squares trained policies, crosses floors; hollow ones reach the goal in less than 90 % of the
+episodes and do not count for the front, those below 50 % are left out."""
+    if missing:
+        text += f"\n\n**Missing**: {len(missing)} cells are not in this report: {', '.join(missing)}."
+    return text
+
+
+def _overall(data: dict[str, Any]) -> str:
+    if not data["overall"]:
+        return ""
+    rows = [[row["policy"], _between(row["score"], 3)] for row in data["overall"]]
+    return "\n".join(
+        [
+            "## All tasks together",
+            "",
+            f"Interquartile mean of the score over the {data['overall'][0]['tasks']} registered tasks, for the "
+            "policies that play in all of them; as many episodes of each, strata are the tasks and training seeds.",
+            "",
+            _table(["policy", "score (95 %)"], rows),
+        ]
+    )
+
+
+def _arena(arena: dict[str, Any]) -> str:
+    where = [f"`{arena['task']}`", f"{arena['episodes']} episodes"]
+    where += [f"split `{arena['split']}`"] if arena["split"] else []
+    where += [f"scenario `{arena['scenario']}`"] if arena["scenario"] else []
+    lines = [f"## {arena['name']}", "", ", ".join(where) + ".", ""]
+    measure = "median RMS error [mm] (95 %)" if arena["tracking"] else "median time [s] (95 %)"
+    head = ["policy", "success", measure, "score (95 %)", "path covered", "peak wall force [mN]"]
+    head += ["mean wall force [mN]", "travel", "cost [mN·steps]"]
+    rows = [_row(entry, arena["tracking"]) for entry in arena["policies"]]
+    lines += [_table(head, rows), ""]
+    lines += [_bracket(arena)]
+    refused = {e["policy"]: e["reason"] for e in arena["policies"] if e["state"] == "not applicable"}
+    if refused:
+        lines += ["", "Not applicable: " + "; ".join(f"{name} ({reason})" for name, reason in refused.items()) + "."]
+    return "\n".join(lines)
+
+
+def _label(name: str, kind: str) -> str:
+    return name + (f" *({_KINDS[kind]})*" if _KINDS[kind] else "")
+
+
+def _row(entry: dict[str, Any], tracking: bool) -> list[str]:
+    label = _label(entry["policy"], entry["kind"])
+    if entry["kind"] == "trained":
+        seeds, planned = entry["seeds"], entry["seeds_planned"]
+        count = f"{planned} seed{'s'[: planned > 1]}" if seeds == planned else f"{seeds} of {planned} seeds"
+        label = f"{entry['policy']} *(trained, {count})*"
+    if entry["state"] != "played":
+        return [label, "missing" if entry["state"] == "missing" else _NONE, *[_NONE] * 7]
+    own = _between(entry["rms_error_mm"], 2) if tracking else _between(entry["time_s"], 2)
+    path = entry["path_ratio"]
+    return [
+        label, _percent(entry["success"]), own, _between(entry["score"], 3),
+        _NONE if path is None else _percent(path), f"{entry['peak_wall_force_mN']:.1f}",
+        f"{entry['mean_wall_force_mN']:.1f}", f"{entry['magnet_travel']:.2f}", f"{entry['cost_mN_steps']:.1f}",
+    ]  # fmt: skip
+
+
+def _bracket(arena: dict[str, Any]) -> str:
+    bracket, best = arena["bracket"], arena["best_mean_score"]
+    said = "" if best is None else f"Highest mean score: {best:.4f} ({arena['best_policy']})"
+    if bracket is None:
+        return said + "." if said else "No par, so no scores." if not arena["tracking"] else ""
+    gap = bracket["gap"]
+    text = (
+        f"Bracket of the least time: at least {bracket['lower_s']:.3f} s (bound), at most {bracket['upper_s']:.3f} s "
+        f"(par), means over the episodes; gap {100 * gap:.1f} %, from {100 * bracket['gap_least']:.1f} % to "
+        f"{100 * bracket['gap_largest']:.1f} %."
+    )
+    if best is not None:
+        verdict = "within" if best <= 1.0 + gap else "**beyond**"
+        text += f" {said}, {verdict} 1 + gap."
+    return text
+
+
+def _learning(data: dict[str, Any]) -> str:
+    if not data["learning"]:
+        return ""
+    rows = []
+    for entry in data["learning"]:
+        seconds = entry["training_seconds"]
+        rows.append(
+            [entry["arena"], entry["algorithm"], str(entry["seeds"]), f"{entry['steps'][-1] / 1e6:.2f}",
+             f"{sum(seconds) / len(seconds):.0f}" if seconds else _NONE,
+             _span(entry["success"], lambda x: f"{100 * x:.0f}"), _span(entry["time_s"], lambda x: f"{x:.2f}")]
+        )  # fmt: skip
+    head = ["arena", "algorithm", "seeds", "steps [millions]", "training [s]", "success at the end [%]"]
+    table = _table([*head, "median time at the end [s]"], rows)
+    return (
+        "## Learning\n\n![Learning curves](figures/benchmark_learning.png)\n\n"
+        "Training seconds are of one core, evaluations included, mean over the seeds; the last columns are of the last "
+        f"evaluation while training, on episodes kept for that: mean (lowest–highest seed).\n\n{table}"
+    )
+
+
+def _span(of: dict[str, list[float | None]], form: Any) -> str:
+    mean, low, high = of["mean"][-1], of["low"][-1], of["high"][-1]
+    return _NONE if mean is None else f"{form(mean)} ({form(low)}–{form(high)})"
+
+
+def _decisions(data: dict[str, Any]) -> str:
+    if not data["decisions"]:
+        return ""
+    rows = [
+        [row["policy"], row["arena"], *(f"{row[q]:.2f}" for q in ("median", "q05", "q95", "q99"))]
+        for row in data["decisions"]
+    ]
+    return (
+        "## Time for a decision\n\nOf one env, one thread, other cells keep the next core busy; control leaves it "
+        "100 ms.\n\n" + _table(["policy", "task", "median [ms]", "5 % [ms]", "95 % [ms]", "99 % [ms]"], rows)
+    )
+
+
+def _robustness(data: dict[str, Any]) -> str:
+    if not data["robustness"]:
+        return ""
+    parts = [
+        "## Robustness",
+        "Only the simulator (or the reading) departs from the model; policies keep the nominal one, and scores are "
+        "against the nominal par, so that an easier world can give more than 1. Success · score.",
+    ]
+    for arena in dict.fromkeys(entry["arena"] for entry in data["robustness"]):
+        entries = [entry for entry in data["robustness"] if entry["arena"] == arena]
+        levels = [(row["kind"], row["level"]) for row in entries[0]["rows"]]
+        rows = []
+        for kind, level in levels:
+            found = [next(r for r in e["rows"] if (r["kind"], r["level"]) == (kind, level)) for e in entries]
+            rows.append([f"{kind} {level}".strip(), *(_of_sweep(row) for row in found)])
+        parts.append(f"### {arena}, {entries[0]['episodes']} episodes a cell")
+        parts.append(_table(["disturbance", *(entry["policy"] for entry in entries)], rows))
+        parts += [f"![{e['policy']} on {arena}](figures/{heat_map_name(e)})" for e in entries]
+    return "\n\n".join(parts)
+
+
+def _of_sweep(row: dict[str, Any]) -> str:
+    return f"{_percent(row['success'])} · " + (_NONE if row["score"] is None else f"{row['score']:.2f}")
+
+
+def _made(data: dict[str, Any]) -> str:
+    made = data["made"]
+    versions = ", ".join(f"{name} {number}" for name, number in made["versions"].items())
+    rows = [
+        [kind, str(work["cells"]), f"{work['seconds']:.0f}", f"{work['seconds'] / work['cells']:.1f}"]
+        for kind, work in data["work"].items()
+    ]
+    return (
+        f"## Made with\n\n{made['date']}, {made['cpu']}, {made['cores']} cores, {made['system']}, Python "
+        f"{made['python']}, {versions}. One thread a worker process.\n\n"
+        + _table(["kind of cell", "cells", "seconds of one core", "seconds a cell"], rows)
+    )
+
+
+def _between(values: Sequence[float | None], digits: int) -> str:
+    value, low, high = values
+    return _NONE if value is None else f"{value:.{digits}f} ({low:.{digits}f}–{high:.{digits}f})"
+
+
+def _percent(share: float) -> str:
+    """Whole percents, but never 100 % (or 0 %) for what is less (or more)."""
+    text = f"{100 * share:.0f}"
+    if (text == "100" and share < 1.0) or (text == "0" and share > 0.0):
+        text = f"{100 * share:.1f}" if f"{100 * share:.1f}" not in ("100.0", "0.0") else f"{100 * share:.2f}"
+    return f"{text} %"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)

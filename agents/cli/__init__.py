@@ -1,0 +1,5 @@
+"""The `magwire` command."""
+
+from .main import main
+
+__all__ = ["main"]

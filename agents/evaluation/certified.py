@@ -1,0 +1,168 @@
+"""What certificates promise, put to the test: certified wires ridden to their goals, refused ones until they stop.
+
+``python -m agents.evaluation.certified`` prints it at full size: 500 certified and 200 refused scenarios of the
+test split.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import magwire_env  # noqa: F401  (registers the ids)
+from magwire_env.quasistatic.pool import KINDS, candidates
+from magwire_env.scenario import Scenario
+from magwire_env.simulation import Certificate, certify
+
+from ..controllers import CONTROLLERS, Controller, MaxForce, NetForce
+
+__all__ = ["Ride", "main", "ride", "ride_certified", "ride_refused", "sorted_candidates", "stops_near"]
+
+NEAR = 0.02
+"""A refused wire should stop this near to the first blocked place, m."""
+
+
+@dataclass(frozen=True)
+class Ride:
+    """One episode a scenario, (n,) each.
+
+    success : reached the goal
+    furthest : m, largest arc length of the tip
+    time : s to the goal; NaN where it was not reached
+    """
+
+    success: np.ndarray
+    furthest: np.ndarray
+    time: np.ndarray
+
+
+def ride(
+    policy: Callable[[Any], Any],
+    kind: str,
+    scenarios: Sequence[Scenario],
+    options: dict[str, Any] | None = None,
+    seed: int = 1_000_000,
+) -> Ride:
+    """One episode of the kind's task in every scenario, side by side; `policy` makes the policy from the batch."""
+    n = len(scenarios)
+    env = gym.make_vec(f"MagWire/{kind}-v0", num_envs=n, scenario=list(scenarios), autoreset_mode="NextStep")
+    actor = policy(env)
+    observation, _ = env.reset(seed=seed, options=options)
+    sim = env.unwrapped.core.sim  # type: ignore[attr-defined]
+    success, finish, running = np.zeros(n, dtype=np.bool_), np.full(n, np.nan), np.ones(n, dtype=np.bool_)
+    furthest = sim.tip_arclength
+    state, starts = None, np.ones(n, dtype=np.bool_)
+    while running.any():
+        action, state = actor.predict(observation, state=state, episode_start=starts)
+        observation, _, terminated, truncated, infos = env.step(action)
+        furthest = np.where(running, np.maximum(furthest, sim.tip_trace.max(axis=1)), furthest)
+        starts = terminated | truncated
+        ended = running & starts
+        if ended.any():
+            success[ended] = infos["is_success"][ended]
+            finish[ended] = infos["summary"]["time"][ended]
+            running &= ~ended
+    env.close()
+    return Ride(success, furthest, np.where(success, finish, np.nan))
+
+
+def ride_certified(
+    policy: Callable[[Any], Any], kind: str, found: Sequence[tuple[Scenario, Certificate]], seed: int = 1_000_000
+) -> Ride:
+    """Episodes as the task starts them, tip and magnet anywhere in their ranges."""
+    return ride(policy, kind, [sc for sc, _ in found], seed=seed)
+
+
+def ride_refused(policy: Callable[[Any], Any], kind: str, found: Sequence[tuple[Scenario, Certificate]]) -> Ride:
+    """Episodes from where each certificate starts, under its first command; before the blocked place, that is."""
+    options = {
+        "tip_arclength": np.array([c.arclengths[0] for _, c in found]),
+        "magnet_angle": np.array([c.commands[0] for _, c in found]),
+    }
+    return ride(policy, kind, [sc for sc, _ in found], options)
+
+
+Found = list[tuple[Scenario, Certificate]]
+
+
+def sorted_candidates(kind: str, certified: int, refused: int, split: str = "test", seed: int = 0) -> dict[str, Found]:
+    """The first `certified` solvable and `refused` blocked candidates of a pool, and all looked at ("tried")."""
+    found: dict[str, Found] = {"certified": [], "refused": [], "tried": []}
+    while len(found["certified"]) < certified or len(found["refused"]) < refused:
+        batch = candidates(kind, split, 64, seed, len(found["tried"]))
+        for pair in zip(batch, certify(batch), strict=True):
+            found["tried"].append(pair)
+            if pair[1].solvable:
+                found["certified"].append(pair)
+            elif pair[1].blocked is not None:
+                found["refused"].append(pair)
+        if len(found["tried"]) > 100 * (certified + refused + 10):
+            raise ValueError(f"kind {kind!r} gave {[len(v) for v in found.values()]} certified, refused and tried")
+    return found | {"certified": found["certified"][:certified], "refused": found["refused"][:refused]}
+
+
+def stops_near(result: Ride, found: Found) -> np.ndarray:
+    """Which refused wires stopped within `NEAR` of their first blocked place, (n,)."""
+    blocked = np.array([c.blocked for _, c in found], dtype=np.float64)
+    return ~result.success & (np.abs(result.furthest - blocked) < NEAR)
+
+
+def report(
+    kind: str,
+    certified: int,
+    refused: int,
+    split: str = "test",
+    policies: Sequence[type[Controller]] = (NetForce, MaxForce),
+) -> str:
+    """The promise at the sizes given, as lines of text."""
+    began = time.perf_counter()
+    found = sorted_candidates(kind, certified, refused, split)
+    seconds = time.perf_counter() - began
+    tried = found["tried"]
+    shares = [
+        np.mean([c.solvable for _, c in tried]),
+        np.mean([not c.solvable and c.blocked is not None for _, c in tried]),
+        np.mean([not c.solvable and c.blocked is None and c.thrown_out for _, c in tried]),
+    ]
+    lines = [
+        f"{kind}: {len(tried)} candidates of {split!r} in {seconds:.1f} s: {shares[0]:.1%} certified, "
+        f"{shares[1]:.1%} blocked, {shares[2]:.1%} thrown out of the entrance, {1 - sum(shares):.1%} doubtful"
+    ]
+    for policy in policies:
+        if certified:
+            result = ride_certified(policy.from_env, kind, found["certified"])
+            ratio = result.time / [c.traverse_time for _, c in found["certified"]]
+            lines.append(
+                f"  {policy.__name__}: {result.success.sum()} of {certified} certified finish, in "
+                f"{np.nanmedian(ratio):.2f} of the certificate's time (median)"
+            )
+        if refused:
+            result = ride_refused(policy.from_env, kind, found["refused"])
+            lines.append(
+                f"  {policy.__name__}: {stops_near(result, found['refused']).sum()} of {refused} refused stop within "
+                f"{1e3 * NEAR:.0f} mm of the first blocked place, {result.success.sum()} finish"
+            )
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The command: certified and refused scenarios ridden by NetForce and MaxForce, or by `--policies`."""
+    parser = argparse.ArgumentParser(prog="python -m agents.evaluation.certified", description=main.__doc__)
+    parser.add_argument("--kind", choices=list(KINDS), default="SteerAny")
+    parser.add_argument("--certified", type=int, default=500)
+    parser.add_argument("--refused", type=int, default=200)
+    parser.add_argument("--split", default="test")
+    parser.add_argument("--policies", nargs="+", choices=list(CONTROLLERS), default=["NetForce", "MaxForce"])
+    options = parser.parse_args(arguments)
+    policies = [CONTROLLERS[name] for name in options.policies]
+    print(report(options.kind, options.certified, options.refused, options.split, policies))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,255 @@
+"""One evaluator for every policy: the same episode seeds, batched, with scores against a par and intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Protocol
+
+import gymnasium as gym
+import numpy as np
+
+import magwire_env  # noqa: F401  (registers the ids)
+from magwire_env.envs.core import SteeringCore
+from magwire_env.envs.task import TASKS
+
+from .statistics import interquartile_mean, interval, median
+
+__all__ = ["EVALUATION_SEED", "Episodes", "Policy", "evaluate", "make_batch", "paired_ratio", "table"]
+
+EVALUATION_SEED = 1_000_000
+"""First of the evaluation's episode seeds; training uses seeds far below."""
+
+_MISSING = "–"
+
+
+class Policy(Protocol):
+    """Anything with SB3's ``predict``."""
+
+    def predict(
+        self, observation: np.ndarray, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]: ...
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """What a policy did, one entry an episode seed, (n,) each.
+
+    start, goal : m, tip arc lengths at the beginning (in a tracking task both the reference's first)
+    success : reached the goal
+    time : s to the goal, interpolated within the control step; NaN where it was not reached
+    path_ratio : share of the way covered when the episode ended; NaN in a tracking task
+    rms_error : m, of a tracking task; NaN elsewhere
+    peak_lateral_force, peak_wall_force, mean_wall_force : N
+    cost : wall force above its limit, summed over the control steps, N·steps
+    magnet_travel : rad and m summed
+    steps : control steps
+    """
+
+    policy: str
+    start: np.ndarray
+    goal: np.ndarray
+    success: np.ndarray
+    time: np.ndarray
+    path_ratio: np.ndarray
+    rms_error: np.ndarray
+    peak_lateral_force: np.ndarray
+    peak_wall_force: np.ndarray
+    mean_wall_force: np.ndarray
+    cost: np.ndarray
+    magnet_travel: np.ndarray
+    steps: np.ndarray
+    reward: np.ndarray
+
+    @property
+    def tracking(self) -> bool:
+        """Of a tracking task, which is judged by its error and not by its time."""
+        return bool(np.isfinite(self.rms_error).all())
+
+    def score(self, par: Episodes) -> np.ndarray:
+        """How near to the par every episode came, (n,): par's time / own time, 0 where the goal was not reached.
+
+        In a tracking task par's RMS error / own. NaN where the par itself did not reach the goal.
+
+        par : `Optimal` on the same episodes; its first ones count if it has more
+
+        Raises `ValueError` for a par of other episodes.
+        """
+        n = len(self.success)
+        same = len(par.success) >= n and np.allclose([par.start[:n], par.goal[:n]], [self.start, self.goal], atol=1e-9)
+        if not same:
+            raise ValueError(f"par must be of the same episodes as {self.policy}'s {n}, got other starts or goals")
+        if self.tracking:
+            return par.rms_error[:n] / self.rms_error
+        with np.errstate(invalid="ignore"):
+            return np.where(par.success[:n], np.where(self.success, par.time[:n] / self.time, 0.0), np.nan)
+
+    def median_time(self, resamples: int = 2000) -> tuple[float, float, float]:
+        """Median time to goal over the successes with its bootstrap 95 % interval, s; NaN without a success."""
+        return interval([self.time[self.success]], median, resamples)
+
+    def mean_score(self, par: Episodes) -> tuple[float, float, float]:
+        """Interquartile mean of the score with its bootstrap 95 % interval; NaN without a par's success."""
+        score = self.score(par)
+        return interval([score[np.isfinite(score)]], interquartile_mean)
+
+    def summary(self) -> dict[str, float]:
+        """Success rate, median time with its interval, forces, cost and travel, as plain numbers."""
+        time, low, high = self.median_time()
+        return {
+            "episodes": len(self.success),
+            "success_rate": float(self.success.mean()),
+            "median_time_s": time,
+            "median_time_low_s": low,
+            "median_time_high_s": high,
+            "mean_path_ratio": float(self.path_ratio.mean()),
+            "median_rms_error_m": float(np.median(self.rms_error)),
+            "peak_lateral_force_N": float(self.peak_lateral_force.max()),
+            "median_peak_lateral_force_N": float(np.median(self.peak_lateral_force)),
+            "median_peak_wall_force_N": float(np.median(self.peak_wall_force)),
+            "mean_wall_force_N": float(self.mean_wall_force.mean()),
+            "mean_cost_N_steps": float(self.cost.mean()),
+            "median_magnet_travel": float(np.median(self.magnet_travel)),
+            "mean_reward": float(self.reward.mean()),
+        }
+
+    def to_json(self, par: Episodes | None = None) -> dict[str, Any]:
+        """The summary (with the score against `par`) and every episode; numbers that do not exist are null."""
+        clean = {k: v if isinstance(v, str) else _no_nan(v.tolist()) for k, v in asdict(self).items()}
+        summary = self.summary()
+        if par is not None:
+            summary |= dict(zip(("score", "score_low", "score_high"), self.mean_score(par), strict=True))
+            clean["score"] = _no_nan(self.score(par).tolist())
+        return {"summary": dict(zip(summary, _no_nan(list(summary.values())), strict=True)), "episodes": clean}
+
+    @classmethod
+    def from_json(cls, stored: dict[str, Any]) -> Episodes:
+        """What `to_json` gave, read back."""
+        episodes = stored["episodes"]
+        kinds: dict[str, Any] = {"success": np.bool_, "steps": np.int64}
+        arrays: dict[str, Any] = {
+            f.name: np.array(
+                [np.nan if x is None else x for x in episodes[f.name]], dtype=kinds.get(f.name, np.float64)
+            )
+            for f in fields(cls)
+            if f.name != "policy"
+        }
+        return cls(episodes["policy"], **arrays)
+
+
+def _no_nan(values: list[Any]) -> list[Any]:
+    return [None if x != x else x for x in values]
+
+
+_SUMMARISED = ("time", "rms_error", "peak_lateral_force", "peak_wall_force", "mean_wall_force", "magnet_travel")
+
+
+def evaluate(
+    policy: Any,
+    task: str = "MagWire/Steer-v0",
+    episodes: int = 200,
+    seed: int = EVALUATION_SEED,
+    name: str | None = None,
+    env: gym.vector.VectorEnv | None = None,
+    disturb: Callable[[SteeringCore], None] | None = None,
+    **env_settings: Any,
+) -> Episodes:
+    """Run one episode for each of the seeds `seed` … `seed + episodes − 1`, all side by side.
+
+    A generated task without a `scenario` gives every episode a tract of its own, the first `episodes` of the pool of
+    `split` (by default "train"): a smaller evaluation is the beginning of a larger one, and `pool_size` is ignored.
+
+    policy : an SB3-like policy, or a callable that makes one from the batch (such as ``MaxForce.from_env``)
+    env : a batch of `episodes` lanes to use; by default one is made for `task` with `env_settings`
+    disturb : called once the episodes have begun, to change the simulator behind the policy's back
+    """
+    if env is None:
+        env = make_batch(task, episodes, env_settings)
+    core: SteeringCore = env.unwrapped.core  # type: ignore[attr-defined]
+    if not hasattr(policy, "predict"):
+        policy = policy(env)
+    observation, _ = env.reset(seed=seed)
+    if disturb is not None:
+        disturb(core)
+        core.sim.load_state(core.sim.state())  # brings the loads up to date with what has changed
+        observation = core.observe()
+    n = env.num_envs
+    results = {f.name: np.full(n, np.nan) for f in fields(Episodes) if f.name != "policy"}
+    results |= {"start": core.sim.tip_arclength, "goal": core.goal.copy()}
+    results |= {"steps": np.zeros(n, dtype=np.int64), "success": np.zeros(n, dtype=np.bool_)}
+    cost, reward_sum, running = np.zeros(n), np.zeros(n), np.ones(n, dtype=np.bool_)
+    state, starts = None, np.ones(n, dtype=np.bool_)
+    while running.any():
+        action, state = policy.predict(observation, state=state, episode_start=starts, deterministic=True)
+        observation, reward, terminated, truncated, infos = env.step(action)
+        reward_sum += np.where(running, reward, 0.0)
+        cost += np.where(running, infos["cost"], 0.0)
+        starts = terminated | truncated
+        ended = running & starts
+        if ended.any():
+            results["success"][ended] = infos["is_success"][ended]
+            results["path_ratio"][ended] = np.nan if core.task.kind == "track" else infos["path_ratio"][ended]
+            for key in (*_SUMMARISED, "steps"):
+                if key in infos["summary"]:
+                    results[key][ended] = infos["summary"][key][ended]
+            running &= ~ended
+    results["time"][~results["success"]] = np.nan
+    return Episodes(name or type(policy).__name__, **results | {"cost": cost, "reward": reward_sum})
+
+
+def make_batch(task: str, episodes: int, env_settings: dict[str, Any]) -> gym.vector.VectorEnv:
+    """The batch of an evaluation, see there for a generated task's tracts."""
+    settings = dict(env_settings)
+    kind = TASKS[task].pool if task in TASKS else None
+    if kind is not None and settings.get("scenario") is None:
+        from magwire_env.quasistatic.pool import scenario_pool
+
+        settings.pop("pool_size", None)
+        settings["scenario"] = list(scenario_pool(kind, settings.pop("split", "train"), episodes))
+    return gym.make_vec(task, num_envs=episodes, autoreset_mode="NextStep", **settings)
+
+
+def table(rows: list[Episodes], reference: str = "MaxForce", par: Episodes | None = None) -> str:
+    """A Markdown table, one line a policy; times also as a ratio to `reference` on the episodes both finished.
+
+    par : adds a column with the score against it; a tracking task has its error in place of the times
+    """
+    tracking = any(row.tracking for row in rows)
+    head = ["policy", "success"]
+    head += ["median RMS error [mm]"] if tracking else ["median time to goal [s] (95 %)", f"time / {reference}"]
+    head += [] if par is None else ["score (95 %)"]
+    head += [] if tracking else ["path covered"]
+    head += ["peak lateral force [mN]", "peak wall force [mN]", "mean wall force [mN]", "cost [mN·steps]"]
+    head += ["magnet travel"]
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    against = next((r for r in rows if r.policy == reference), None)
+    for row in rows:
+        cells = [row.policy, f"{row.success.mean():.1%}"]
+        if tracking:
+            cells.append(f"{1e3 * np.median(row.rms_error):.2f}")
+        else:
+            cells += [_between(*row.median_time(), digits=2), _ratio(row, against)]
+        if par is not None:
+            cells.append(_between(*row.mean_score(par), digits=3))
+        cells += [] if tracking else [f"{row.path_ratio.mean():.1%}"]
+        forces = (row.peak_lateral_force.max(), np.median(row.peak_wall_force), row.mean_wall_force.mean())
+        cells += [f"{1e3 * force:.1f}" for force in forces]
+        cells += [f"{1e3 * row.cost.mean():.1f}", f"{np.median(row.magnet_travel):.2f}"]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def paired_ratio(row: Episodes, against: Episodes) -> float:
+    """Ratio of the median times to goal over the episodes both finished; NaN if there are none."""
+    both = row.success & against.success
+    return float(np.median(row.time[both]) / np.median(against.time[both])) if both.any() else float("nan")
+
+
+def _ratio(row: Episodes, against: Episodes | None) -> str:
+    ratio = paired_ratio(row, against) if against is not None else float("nan")
+    return f"{ratio:.3f}" if ratio == ratio else _MISSING
+
+
+def _between(value: float, low: float, high: float, digits: int) -> str:
+    """A number with its interval, or a dash where it does not exist."""
+    return f"{value:.{digits}f} ({low:.{digits}f}–{high:.{digits}f})" if value == value else _MISSING

@@ -1,0 +1,149 @@
+"""Hyperparameters by search: Optuna's tree-structured Parzen estimator over short trainings, seeds fixed.
+
+``magwire tune --task MagWire/Steer-v0 --algorithm ppo`` writes the study to ``agents/hyperparameters/studies/``; what
+it found is then copied by hand into the algorithm's YAML. The YAML's own values are the first trial, so that a study
+also says whether the search beat them.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, cast
+
+import optuna
+import yaml
+
+import train
+
+from .sb3 import hyperparameters
+from .training import Run, learn, read_curve
+
+__all__ = ["SPACES", "STUDIES", "tune"]
+
+STUDIES = Path(__file__).parents[1] / "hyperparameters" / "studies"
+
+Space = dict[str, Callable[[optuna.Trial, str], Any]]
+
+
+def _log(low: float, high: float) -> Callable[[optuna.Trial, str], float]:
+    return lambda trial, name: float(f"{trial.suggest_float(name, low, high, log=True):.3g}")
+
+
+def _linear(low: float, high: float) -> Callable[[optuna.Trial, str], float]:
+    return lambda trial, name: trial.suggest_float(name, low, high, step=0.1)
+
+
+def _one_of(*values: Any) -> Callable[[optuna.Trial, str], Any]:
+    return lambda trial, name: trial.suggest_categorical(name, values)
+
+
+_ON_POLICY: Space = {
+    "learning_rate": lambda trial, name: f"lin_{_log(2e-4, 4e-3)(trial, name):.3g}",
+    "n_steps": _one_of(16, 32, 64),
+    "batch_size": _one_of(512, 1024, 2048),
+    "n_epochs": _one_of(4, 6, 8, 10),
+    "gamma": _one_of(0.95, 0.97, 0.98, 0.99, 0.995),
+    "gae_lambda": _one_of(0.85, 0.9, 0.95, 0.98),
+    "clip_range": _one_of(0.1, 0.2, 0.3),
+    "policy_kwargs.log_std_init": _linear(-2.5, 0.0),
+}
+_OFF_POLICY: Space = {
+    "learning_rate": _log(2e-4, 4e-3),
+    "batch_size": _one_of(256, 512, 1024),
+    "gradient_steps": _one_of(8, 16, 32),
+    "gamma": _one_of(0.95, 0.97, 0.98, 0.99, 0.995),
+}
+SPACES: dict[str, Space] = {
+    "ppo": _ON_POLICY,
+    "stacked_ppo": _ON_POLICY,
+    "sac": _OFF_POLICY | {"tau": _one_of(0.005, 0.01, 0.02)},
+    "tqc": _OFF_POLICY | {"tau": _one_of(0.005, 0.01, 0.02), "top_quantiles_to_drop_per_net": _one_of(0, 2, 5)},
+    "crossq": _OFF_POLICY | {"policy_delay": _one_of(1, 2, 3)},
+}
+"""What is searched of every algorithm; a dot reaches into ``policy_kwargs``."""
+
+
+def tune(
+    task: str,
+    algorithm: str,
+    trials: int = 16,
+    timesteps: int | None = None,
+    seed: int = 1000,
+    scenario: str | None = None,
+    out: Path = STUDIES,
+) -> Path:
+    """Run a study and write it: its settings, the best trial, every trial in the order tried. Returns the file.
+
+    trials : trainings; the first has the YAML's values
+    timesteps : env steps of each; by default a third of the YAML's
+    seed : of the search and of every training; the benchmark's training seeds are others
+    scenario : a TOML file or a shipped name, in place of the task's
+    out : folder to write to
+    """
+    if algorithm not in SPACES:
+        raise ValueError(f"algorithm must be one of {', '.join(map(repr, SPACES))}, got {algorithm!r}")
+    if trials < 1:
+        raise ValueError(f"trials must be at least 1, got {trials}")
+    space, given = SPACES[algorithm], hyperparameters(algorithm, task)
+    timesteps = timesteps or given["n_timesteps"] // 3
+    config = train.Config(
+        task=task, algorithm=cast(Any, algorithm), seed=seed, timesteps=timesteps, scenario=scenario, evaluations=1,
+        progress=False,
+    )  # fmt: skip
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    study = optuna.create_study(direction="maximize", sampler=optuna.samplers.TPESampler(seed=seed))
+    study.enqueue_trial(_as_given(given, space))
+    rows: list[dict[str, Any]] = []
+
+    def objective(trial: optuna.Trial) -> float:
+        changes = {name: ask(trial, name) for name, ask in space.items()}
+        began = time.perf_counter()
+        value = _trained(config, changes)
+        rows.append({"value": round(value, 4), "seconds": round(time.perf_counter() - began, 1), **changes})
+        print(f"trial {trial.number:>3}: {value:8.3f}  {changes}", flush=True)
+        return value
+
+    study.optimize(objective, n_trials=trials)
+    name = task.split("/")[-1] + ("" if scenario is None else f"-{Path(scenario).stem}")
+    path = out / f"{algorithm}-{name}.yml"
+    out.mkdir(parents=True, exist_ok=True)
+    content = {
+        "task": task,
+        "scenario": scenario,
+        "algorithm": algorithm,
+        "seed": seed,
+        "timesteps": timesteps,
+        "optuna": version("optuna"),
+        "value": "mean episode reward on the held-out episodes after the last step",
+        "given": rows[0]["value"],
+        "best": dict(max(rows, key=lambda row: row["value"])),
+        "trials": rows,
+    }
+    path.write_text(yaml.safe_dump(content, sort_keys=False, width=120), encoding="utf-8")
+    return path
+
+
+def _as_given(given: dict[str, Any], space: Space) -> dict[str, Any]:
+    """The YAML's values as a trial; what it leaves to the library's default is left to the search."""
+    values = {}
+    for name in space:
+        value: Any = given
+        for key in name.split("."):
+            value = value.get(key) if isinstance(value, dict) else None
+        if value is not None:
+            values[name] = float(str(value).removeprefix("lin_")) if name == "learning_rate" else value
+    return values
+
+
+def _trained(config: train.Config, changes: dict[str, Any]) -> float:
+    """Mean episode reward on the held-out episodes after a training with `changes`."""
+    with tempfile.TemporaryDirectory() as folder:
+        run = Run.open(replace(config, run=Path(folder) / "run"), changes)
+        if not learn(run):
+            raise KeyboardInterrupt
+        return read_curve(run.folder / "learning_curve.csv")[-1]["mean_reward"]

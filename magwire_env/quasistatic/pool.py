@@ -1,0 +1,179 @@
+"""Pools of certified scenarios: generated tracts under the rigs of the tasks, only those that can be steered.
+
+Which scenarios a pool holds depends on its kind, split, size and seed alone. What the kinds are made of:
+
+| kind | tracts | wire | rig | coupling | solvable |
+|---|---|---|---|---|---|
+| SteerAny | 0.4–0.6 m, bends ≥ 40 mm, 180 mm wide | 275 kPa | fixed above, one axis | force | 55 % |
+| Orient | the generator's: 0.7–0.9 m, bends ≥ 30 mm, 240 mm wide | 55 kPa | fixed above, two axes | wrench | 69 % |
+| Chase | the generator's | 275 kPa | slides in x and y 7 cm above the tract, one axis | wrench | 62 % |
+| Dual | the generator's | 55 kPa | one fixed above turning about y, one below about x | wrench | 69 % |
+
+The paper's magnet, tip and contact throughout, magnets 7 cm from the centreline at the nearest. Its wire (550 kPa) is
+too stiff for most of these: entering a bend of 30 mm costs it 9.4 mN, more than the magnet gives over much of such a
+tract, and of the generator's own tracts it passes 2 % under the fixed one-axis magnet. The kinds take a wire half or a
+tenth as stiff, as soft catheters are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from ..lumen.curve import Tract
+from ..lumen.generator import SPLITS, Bounds, generate
+from ..physics.checks import one_of, whole
+from ..scenario import Scenario, above
+from ..scenario.rig import ActuatedMagnet, Rig, Slide, Turn, cheapest_rule
+from .certificate import Certificate, certify
+
+__all__ = ["KINDS", "Kind", "Pool", "build_pool", "candidates", "scenario_pool"]
+
+DISTANCE = 0.07
+"""m, of every magnet's centre from the centreline at the nearest."""
+
+_TOGETHER = 32
+"""Candidates certified together."""
+
+_MOST_TRIES = 100
+"""Candidates a scenario of the pool, before the kind is called unsolvable."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a task's scenarios are made of.
+
+    bending_modulus : Pa, of the wire
+    rig : from the tract
+    """
+
+    bounds: Bounds
+    bending_modulus: float
+    coupling: str
+    rig: Callable[[Tract], Rig]
+
+    def scenario(self, name: str, tract: Tract) -> Scenario:
+        """The scenario of a tract."""
+        base = _paper()
+        wire = dataclasses.replace(base.wire, bending_modulus=self.bending_modulus)
+        return Scenario(name, tract, wire, base.tip, self.rig(tract), base.contact, self.coupling)
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """Certified scenarios.
+
+    scenarios, certificates : one each
+    tried : candidates generated for them
+    """
+
+    scenarios: tuple[Scenario, ...]
+    certificates: tuple[Certificate, ...]
+    tried: int
+
+    @property
+    def acceptance(self) -> float:
+        """Share of the candidates that were certified."""
+        return len(self.scenarios) / self.tried
+
+
+def scenario_pool(kind: str, split: str = "train", size: int = 100, seed: int = 0) -> tuple[Scenario, ...]:
+    """`size` certified scenarios of a kind of task, see `build_pool`."""
+    return build_pool(kind, split, size, seed).scenarios
+
+
+@lru_cache(maxsize=16)
+def build_pool(kind: str, split: str = "train", size: int = 100, seed: int = 0, time_limit: float = 60.0) -> Pool:
+    """A pool of certified scenarios, built once a process.
+
+    kind : "SteerAny", "Orient", "Chase" or "Dual"; see the table of this module
+    split : "train", "test" or "ood", of `anatomy.generator.generate`
+    size : scenarios in the pool; a smaller pool is the beginning of a larger one
+    seed : of the pool; pools of different seeds share no tract
+    time_limit : s, for which they are certified
+    """
+    size = whole("size", size, 1)
+    scenarios: list[Scenario] = []
+    certificates: list[Certificate] = []
+    first = 0
+    while True:
+        batch = candidates(kind, split, _TOGETHER, seed, first)
+        for i, (sc, found) in enumerate(zip(batch, certify(batch, time_limit=time_limit), strict=True)):
+            if found.solvable:
+                scenarios.append(sc)
+                certificates.append(found)
+            if len(scenarios) == size:
+                return Pool(tuple(scenarios), tuple(certificates), first + i + 1)
+        first += _TOGETHER
+        if first > _MOST_TRIES * size + 1000:
+            raise ValueError(
+                f"kind {kind!r} in split {split!r} gave {len(scenarios)} of {size} scenarios in {first} tries"
+            )
+
+
+def candidates(kind: str, split: str, count: int, seed: int = 0, first: int = 0) -> list[Scenario]:
+    """Scenarios as generated, not certified: `count` of a pool's candidates from number `first` on."""
+    made = KINDS[one_of("kind", kind, tuple(KINDS))]
+    one_of("split", split, SPLITS)
+    seed = whole("seed", seed, 0)
+    found = []
+    for number in range(first, first + count):
+        tract = generate(_PER_SEED * seed + number, split, made.bounds)
+        found.append(made.scenario(f"{kind}-{split}-{seed}-{number}", tract))
+    return found
+
+
+_PER_SEED = 1_000_000
+"""Tracts of the generator that belong to one seed of the pool."""
+
+
+@lru_cache(maxsize=1)
+def _paper() -> Scenario:
+    return Scenario.paper()
+
+
+@lru_cache(maxsize=1)
+def _dipoles() -> tuple[str, int]:
+    """One rule for all: the cheapest at a little less than the distance that all magnets keep."""
+    return cheapest_rule(_paper().rig.magnets[0].magnet, 0.99 * DISTANCE)
+
+
+def _magnet(position: tuple[float, float, float], *dofs: Turn | Slide) -> ActuatedMagnet:
+    return ActuatedMagnet(_paper().rig.magnets[0].magnet, position, dofs, _dipoles())
+
+
+def _fixed(tract: Tract) -> Rig:
+    return Rig((_magnet(above(tract, DISTANCE), Turn("y", home=math.pi)),))
+
+
+def _two_axes(tract: Tract) -> Rig:
+    return Rig((_magnet(above(tract, DISTANCE), Turn("y", home=math.pi), Turn("z")),))
+
+
+def _following(tract: Tract) -> Rig:
+    """Slides over the whole tract and 30 mm beyond, in the plane 7 cm above its highest point."""
+    xyz = tract.table[1:, 0:3]
+    (x0, y0, _), (x1, y1, top) = xyz.min(axis=0), xyz.max(axis=0)
+    middle = ((x0 + x1) / 2, (y0 + y1) / 2, top + DISTANCE)
+    x, y = (x1 - x0) / 2 + 0.03, (y1 - y0) / 2 + 0.03
+    return Rig((_magnet(middle, Slide("x", -x, x), Slide("y", -y, y), Turn("y", home=math.pi)),))
+
+
+def _both_sides(tract: Tract) -> Rig:
+    x, y, z = above(Tract(tuple(map(tuple, np.array(tract.points) * (1, 1, -1)))), DISTANCE)
+    return Rig((_magnet(above(tract, DISTANCE), Turn("y", home=math.pi)), _magnet((x, y, -z), Turn("x"))))
+
+
+KINDS: dict[str, Kind] = {
+    "SteerAny": Kind(
+        Bounds(length=(0.4, 0.6), bend_radius=0.04, box=(0.18, 0.18, 0.05)), 275e3, "force", _fixed
+    ),
+    "Orient": Kind(Bounds(), 55e3, "wrench", _two_axes),
+    "Chase": Kind(Bounds(), 275e3, "wrench", _following),
+    "Dual": Kind(Bounds(), 55e3, "wrench", _both_sides),
+}  # fmt: skip

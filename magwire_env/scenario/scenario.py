@@ -1,0 +1,288 @@
+"""A scenario: one tree of frozen values that says everything a run needs, and its TOML form."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import tomllib
+import types
+import typing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..lumen.curve import Tract
+from ..physics.checks import non_negative, one_of, positive, vector, whole
+from ..physics.guidewire import Guidewire
+from ..physics.magnets import BlockMagnet, CylinderMagnet, PointDipole
+from .rig import ActuatedMagnet, Coil, Current, Rig, Slide, Turn, cheapest_rule
+from .sensing import Reading, Sensing, Variation
+
+__all__ = [
+    "COUPLINGS",
+    "ActuatedMagnet",
+    "Coil",
+    "Contact",
+    "Current",
+    "Reading",
+    "Rig",
+    "Scenario",
+    "Sensing",
+    "Slide",
+    "Timing",
+    "Turn",
+    "Variation",
+]
+
+COUPLINGS = ("force", "wrench")
+_SHIPPED = Path(__file__).parents[1] / "scenarios"
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What holds the wire back, and what presses on the wall.
+
+    friction : Coulomb coefficient μ (hydrophilic guidewires about 0.02; other simulators 0.1)
+    stick_speed : m/s, the speed ε that smooths Coulomb's law: f = −μ n v/√(v² + ε²)
+    drag : N·s/m², viscous drag per metre of wire and per m/s
+    lever : m, between the two contacts that bear the tip magnet's couple
+    lever_friction : the couple's contacts add to the tip's friction
+    wall_force_limit : N; `cost` is the tip's wall force above it
+    """
+
+    friction: float = 0.05
+    stick_speed: float = 1e-4
+    drag: float = 0.5
+    lever: float = 10e-3
+    lever_friction: bool = False
+    wall_force_limit: float = 0.1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "friction", non_negative("Contact.friction", self.friction))
+        object.__setattr__(self, "drag", non_negative("Contact.drag", self.drag, "N·s/m²"))
+        for name, unit in (("stick_speed", "m/s"), ("lever", "m"), ("wall_force_limit", "N")):
+            object.__setattr__(self, name, positive(f"Contact.{name}", getattr(self, name), unit))
+
+
+@dataclass(frozen=True)
+class Timing:
+    """control_period : s between commands; substeps : integration steps in one control period."""
+
+    control_period: float = 0.1
+    substeps: int = 2
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "control_period", positive("Timing.control_period", self.control_period, "s"))
+        object.__setattr__(self, "substeps", whole("Timing.substeps", self.substeps, 1))
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Everything a run needs; frozen and equal by value.
+
+    name : for people
+    tract, wire, tip : the lumen, the guidewire, and the magnet at its tip (moment along the tract's tangent)
+    rig : the external magnets
+    contact, coupling, gravity, timing : see the parts; gravity in m/s²
+    sensing, variation : what the policy's readings suffer, and what differs from episode to episode; by default nothing
+
+    `coupling` is the force that drives the tip along the tract: ``"force"``, the paper's projection F·t, or
+    ``"wrench"``, the generalised force F·t + m κ n·B that follows from the energy −m t·B, since a tip locked to a
+    bend turns as it slides. A closed tract takes "wrench" only: F·t is not conservative round a loop.
+
+    >>> Scenario.paper().rig.magnets[0].dipoles       # the rule it took for its own smallest distance
+    ('fitted', 21)
+    """
+
+    name: str
+    tract: Tract
+    wire: Guidewire
+    tip: CylinderMagnet
+    rig: Rig
+    contact: Contact = field(default_factory=Contact)
+    coupling: str = "force"
+    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    timing: Timing = field(default_factory=Timing)
+    sensing: Sensing = field(default_factory=Sensing)
+    variation: Variation = field(default_factory=Variation)
+
+    def __post_init__(self) -> None:
+        one_of("Scenario.coupling", self.coupling, COUPLINGS)
+        object.__setattr__(self, "gravity", vector("Scenario.gravity", self.gravity, 3, "m/s²"))
+        if self.tract.closed and self.coupling == "force":
+            raise ValueError(
+                "Scenario.coupling must be 'wrench' on a closed tract, where F·t does net work a lap, got 'force'"
+            )
+        if self.wire.length >= self.tract.length:
+            raise ValueError(
+                f"Scenario.wire.length must be less than the tract's {self.tract.length:.4g} m, "
+                f"got {self.wire.length:g} m"
+            )
+        centreline = self.tract.position(np.linspace(0.0, self.tract.length, 4 * len(self.tract.table)))
+        magnets = []
+        for i, mount in enumerate(self.rig.magnets):
+            distance = mount.distance_to(centreline) - 3**0.5 * self.variation.placement
+            clear = mount.magnet.reach + self.tract.widest
+            if distance < clear:
+                raise ValueError(
+                    f"Scenario.rig.magnets[{i}].position must keep the magnet's centre at least {clear:.4g} m from the "
+                    f"centreline, or the turning magnet enters the tract, got {distance:.4g} m from {mount.position} m"
+                )
+            if not mount.dipoles:
+                mount = dataclasses.replace(mount, dipoles=cheapest_rule(mount.magnet, distance))
+            magnets.append(mount)
+        object.__setattr__(self, "rig", Rig(tuple(magnets), self.rig.coils))
+
+    @classmethod
+    def paper(cls, magnet_distance: float = 0.07, measured_to: str = "centre") -> Scenario:
+        """The paper's set-up (Section IV), every number of it.
+
+        magnet_distance : m. The paper's 7 cm "from the GI tract" may end at the magnet's centre or at its face; here
+            it is the smallest distance from the tract's centreline to the magnet's ``"centre"`` or its ``"face"``
+            (half an edge farther).
+        """
+        from ..lumen.named import paper_spiral
+
+        block = BlockMagnet(size=(50.8e-3,) * 3, remanence=1.3)
+        one_of("measured_to", measured_to, ("centre", "face"))
+        distance = positive("magnet_distance", magnet_distance, "m") + (
+            block.size[2] / 2 if measured_to == "face" else 0.0
+        )
+        tract = paper_spiral()
+        return cls(
+            name="paper",
+            tract=tract,
+            wire=Guidewire(
+                length=0.1, radius=2.5e-3, axial_modulus=600e3, bending_modulus=550e3, density=1100.0, segments=16
+            ),
+            tip=CylinderMagnet(diameter=2e-3, height=3e-3, remanence=1.37, mass=7.2e-5),
+            rig=Rig((ActuatedMagnet(block, above(tract, distance), (Turn("y", home=math.pi),)),)),
+        )
+
+    def replace(self, **changes: Any) -> Scenario:
+        """A copy with some fields changed, those of parts by two underscores: ``sc.replace(contact__friction=0.1)``."""
+        nested: dict[str, dict[str, Any]] = {}
+        flat: dict[str, Any] = {}
+        for key, value in changes.items():
+            part, _, inner = key.partition("__")
+            if part not in {f.name for f in dataclasses.fields(self)}:
+                raise ValueError(f"Scenario.replace got an unknown field {key!r}")
+            if inner:
+                nested.setdefault(part, {})[inner] = value
+            else:
+                flat[part] = value
+        for part, inner_changes in nested.items():
+            known = (
+                {f.name for f in dataclasses.fields(getattr(self, part))}
+                if part not in ("name", "coupling", "gravity")
+                else set()
+            )
+            if unknown := set(inner_changes) - known:
+                raise ValueError(f"Scenario.replace got an unknown field {part}__{min(unknown)}")
+            flat[part] = dataclasses.replace(flat.get(part, getattr(self, part)), **inner_changes)
+        return dataclasses.replace(self, **flat)
+
+    def save(self, path: str | Path) -> None:
+        """Write the scenario as TOML; a tract is stored by its points, so the file stands alone."""
+        import tomli_w
+
+        Path(path).write_text(tomli_w.dumps(_to_toml(self)), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Scenario:
+        """Read a scenario from a TOML file, or a shipped one by name (``Scenario.load("paper")``).
+
+        Raises `ValueError` naming an unknown, missing or impossible entry, `FileNotFoundError` if there is no file.
+        """
+        file = Path(path)
+        if not file.suffix and not file.exists():
+            names = sorted(p.stem for p in _SHIPPED.glob("*.toml"))
+            if str(path) not in names:
+                raise FileNotFoundError(
+                    f"no file {str(path)!r}, and no shipped scenario of that name; shipped: {', '.join(names)}"
+                )
+            file = _SHIPPED / f"{path}.toml"
+        try:
+            tree = tomllib.loads(file.read_text(encoding="utf-8"))
+        except tomllib.TOMLDecodeError as error:
+            raise ValueError(f"{file} is not valid TOML: {error}") from error
+        return _from_toml(cls, tree, str(file))
+
+
+def above(tract: Tract, distance: float) -> tuple[float, float, float]:
+    """The point above (+z) the mean of the tract's control points, `distance` m from the centreline's nearest point."""
+    p = tract.position(np.linspace(0.0, tract.length, 4001))
+    x, y = np.mean(tract.points, axis=0)[:2]
+    flat = np.hypot(p[:, 0] - x, p[:, 1] - y)
+    near = flat < distance
+    # Above every near point by at least what keeps it on or outside its sphere of radius `distance`.
+    z = (p[near, 2] + np.sqrt(distance**2 - flat[near] ** 2)).max() if near.any() else p[:, 2].mean()
+    return (float(x), float(y), float(z))
+
+
+# --- TOML -------------------------------------------------------------------------------------------------------------
+
+_KINDS = {"block": BlockMagnet, "cylinder": CylinderMagnet, "point": PointDipole, "turn": Turn, "slide": Slide}
+_KIND_OF = {cls: kind for kind, cls in _KINDS.items()}
+
+
+def _to_toml(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        tree = {"kind": _KIND_OF[type(value)]} if type(value) in _KIND_OF else {}
+        return tree | {f.name: _to_toml(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, tuple):
+        return [_to_toml(v) for v in value]
+    return value
+
+
+def _from_toml(kind: Any, tree: Any, where: str) -> Any:
+    origin, args = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType) and any(a in _KIND_OF for a in args):
+        return _tagged(args, tree, where)
+    if dataclasses.is_dataclass(kind):
+        return _built(typing.cast(type, kind), tree, where)
+    if origin is tuple:
+        if not isinstance(tree, list):
+            raise ValueError(f"{where} must be a list, got {tree!r}")
+        inner = args[0] if len(args) == 2 and args[1] is Ellipsis else None
+        items = [_from_toml(inner if inner else a, t, f"{where}[{i}]") for i, (t, a) in enumerate(_zip(tree, args))]
+        return tuple(items)
+    return tuple(tree) if isinstance(tree, list) else tree
+
+
+def _zip(tree: list, args: tuple) -> list:
+    return [(t, args[i] if i < len(args) else args[-1]) for i, t in enumerate(tree)]
+
+
+def _tagged(allowed: tuple, tree: Any, where: str) -> Any:
+    names = [_KIND_OF[a] for a in allowed if a in _KIND_OF]
+    if not isinstance(tree, dict) or tree.get("kind") not in names:
+        got = tree.get("kind") if isinstance(tree, dict) else tree
+        raise ValueError(f"{where}.kind must be one of {', '.join(map(repr, names))}, got {got!r}")
+    return _built(_KINDS[tree["kind"]], tree, where)
+
+
+def _built(kind: type, tree: Any, where: str) -> Any:
+    if not isinstance(tree, dict):
+        raise ValueError(f"{where} must be a table, got {tree!r}")
+    hints = typing.get_type_hints(kind)
+    tree = {k: v for k, v in tree.items() if not (k == "kind" and kind in _KIND_OF)}
+    fields = {f.name: f for f in dataclasses.fields(kind)}
+    if unknown := sorted(set(tree) - set(fields)):
+        raise ValueError(f"{where} has an unknown key {unknown[0]!r}; allowed: {', '.join(fields)}")
+    for name, f in fields.items():
+        if name not in tree and f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING:
+            raise ValueError(f"{where} lacks the key {name!r}")
+    for name, value in tree.items():
+        wanted = hints[name]
+        if wanted in (bool, str) and not isinstance(value, wanted):
+            raise ValueError(
+                f"{where}.{name} must be {'true or false' if wanted is bool else 'a string'}, got {value!r}"
+            )
+    values = {name: _from_toml(hints[name], value, f"{where}.{name}") for name, value in tree.items()}
+    try:
+        return kind(**values)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from error
