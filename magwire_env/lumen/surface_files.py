@@ -64,12 +64,16 @@ def _refuse_lying_header(path: Path, kind: str, data: bytes) -> None:
         head, found, _ = data[:65536].partition(b"end_header")
         if not data.startswith(b"ply") or not found:
             raise ValueError(f"{path} must start with a PLY header that ends with 'end_header'")
+        rows = 0
         for line in head.splitlines():
             words = line.split()
-            if words[:1] == [b"element"] and (len(words) != 3 or not words[2].isdigit() or int(words[2]) > len(data)):
-                raise ValueError(
-                    f"{path} announces {line.decode(errors='replace')!r}, more than its {len(data)} bytes hold"
-                )
+            if words[:1] == [b"element"]:
+                if len(words) != 3 or not words[2].isdigit() or int(words[2]) > len(data):
+                    text = line[:60].decode(errors="replace")
+                    raise ValueError(f"{path} announces {text!r}, more than its {len(data)} bytes hold")
+                rows += int(words[2])
+        if b"format ascii" in head and len(data.partition(b"end_header")[2].split(b"\n")) - 2 != rows:
+            raise ValueError(f"{path} announces {rows} lines after its header, but holds another number")
 
 
 def _obj(path: Path) -> RawSurface:

@@ -69,7 +69,7 @@ def _check_size(path: Path, shape: tuple[int, ...], itemsize: int) -> int:
 def _nifti(path: Path) -> Volume:
     nibabel = anatomy_library("nibabel")
     data = whole_file(path)
-    with reading(path, "NIfTI"):
+    with reading(path, "NIfTI"), nibabel.imageglobals.LoggingOutputSuppressor():
         head = inflated_start(path, data, 544) if data[:2] == b"\x1f\x8b" else data[:544]
         kind = (
             nibabel.Nifti2Header

@@ -19,25 +19,33 @@ def the_fork():
     return fork(35.0, 4e-3, 0.03)
 
 
-@lru_cache
-def grid(pitch=0.8e-3):
-    """Depth in the fork on a grid, cut flat at its inlet, and the grid's origin, m."""
-    lumen = the_fork()
+def meshed(lumen, pitch):
+    """The closed surface of a lumen, cut flat at its inlet: vertices (n, 3) mm, faces (m, 3) with normals outwards."""
+    block = 8
     low, high = lumen.bounds
     low = low - 3 * pitch
-    shape = np.ceil((high - low) / pitch).astype(int) + 4
-    cells = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, 3)
-    xyz = low + pitch * cells
-    depth = np.minimum(lumen.wall_distance(xyz), xyz[:, 0])
-    return depth.reshape(shape), low
+    shape = (np.ceil((high - low) / pitch / block).astype(int) + 1) * block
+    at, way, mouth = lumen.position("inlet"), lumen.tangent("inlet"), float(lumen.trunk.radius(0.0))
+
+    def depth(xyz):
+        cut = np.where(np.linalg.norm(xyz - at, axis=1) < 4 * mouth, (xyz - at) @ way, np.inf)
+        return np.minimum(lumen.wall_distance(xyz), cut)
+
+    corner = np.stack(np.meshgrid(*(np.arange(0, n, block) for n in shape), indexing="ij"), axis=-1).reshape(-1, 3)
+    far = depth(low + pitch * (corner + block / 2))
+    field = np.repeat(np.repeat(np.repeat(far.reshape(shape // block), block, 0), block, 1), block, 2).astype(np.float32)
+    inner = np.stack(np.meshgrid(*(np.arange(block),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    for c in corner[np.abs(far) < 1.1 * pitch * block]:
+        values = depth(low + pitch * (c + inner))
+        field[c[0] : c[0] + block, c[1] : c[1] + block, c[2] : c[2] + block] = values.reshape((block,) * 3)
+    vertices, faces, _, _ = marching_cubes(field, 0.0)
+    return 1e3 * (low + pitch * vertices), faces[:, ::-1].astype(np.int64)
 
 
 @lru_cache
 def mesh(pitch=0.8e-3):
-    """The fork's closed surface: vertices (n, 3) mm, faces (m, 3) with normals outwards."""
-    depth, low = grid(pitch)
-    vertices, faces, _, _ = marching_cubes(depth, 0.0)
-    return 1e3 * (low + pitch * vertices), faces[:, ::-1].astype(np.int64)
+    """The fork's surface, of about 3000 triangles."""
+    return meshed(the_fork(), pitch)
 
 
 def stl_ascii(vertices, faces):
