@@ -224,7 +224,8 @@ class SteeringCore:
             scenario = sim.library.scenarios[sim.lane_scenario[diverged]]
             raise RuntimeError(
                 f"the wire of lane {diverged} (scenario {scenario.name!r}) has diverged: its tip is at "
-                f"{sim.travelled[diverged]} m. Its numbers cannot be integrated at {scenario.timing}"
+                f"{sim.travelled[diverged]} m. Its numbers cannot be integrated with "
+                f"{sim.library.substeps} steps in a control period of {sim.control_period:g} s"
             )
         if self.reward_terms:
             self.action[:] = action

@@ -8,6 +8,7 @@ import tomllib
 import types
 import typing
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from ..lumen.curve import Tract
 from ..physics.checks import non_negative, one_of, positive, vector, whole
 from ..physics.guidewire import Guidewire
 from ..physics.magnets import BlockMagnet, CylinderMagnet, PointDipole
+from . import steps
 from .rig import ActuatedMagnet, Coil, Current, Rig, Slide, Turn, cheapest_rule
 from .sensing import Reading, Sensing, Variation
 
@@ -68,14 +70,18 @@ class Contact:
 
 @dataclass(frozen=True)
 class Timing:
-    """control_period : s between commands; substeps : integration steps in one control period."""
+    """control_period : s between commands
+
+    substeps : integration steps in one control period; by default as many as the wire needs, see `Scenario.substeps`
+    """
 
     control_period: float = 0.1
-    substeps: int = 2
+    substeps: int | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "control_period", positive("Timing.control_period", self.control_period, "s"))
-        object.__setattr__(self, "substeps", whole("Timing.substeps", self.substeps, 1))
+        if self.substeps is not None:
+            object.__setattr__(self, "substeps", whole("Timing.substeps", self.substeps, 1))
 
 
 @dataclass(frozen=True)
@@ -123,7 +129,7 @@ class Scenario:
                 f"got {self.wire.length:g} m"
             )
         centreline = self.tract.position(np.linspace(0.0, self.tract.length, 4 * len(self.tract.table)))
-        magnets = []
+        magnets, distances = [], []
         for i, mount in enumerate(self.rig.magnets):
             distance = mount.distance_to(centreline) - 3**0.5 * self.variation.placement
             clear = mount.magnet.reach + self.tract.widest
@@ -135,7 +141,23 @@ class Scenario:
             if not mount.dipoles:
                 mount = dataclasses.replace(mount, dipoles=cheapest_rule(mount.magnet, distance))
             magnets.append(mount)
+            distances.append(distance)
         object.__setattr__(self, "rig", Rig(tuple(magnets), self.rig.coils))
+        if self.model == "locked":
+            steps.check(self, distances)
+
+    @property
+    def substeps(self) -> int:
+        """Integration steps in one control period: those of `timing`, or else as many as the wire needs.
+
+        `magwire_env.scenario.steps.substeps_needed` derives the number. Soft wires, the paper's among them, take steps
+        of 50 ms. A scenario that needs more than `MOST_SUBSTEPS` is refused.
+        """
+        return self._substeps if self.timing.substeps is None else self.timing.substeps
+
+    @cached_property
+    def _substeps(self) -> int:
+        return steps.substeps_needed(self)
 
     @property
     def moving_mass(self) -> float:
@@ -238,7 +260,8 @@ _KIND_OF = {cls: kind for kind, cls in _KINDS.items()}
 def _to_toml(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         tree = {"kind": _KIND_OF[type(value)]} if type(value) in _KIND_OF else {}
-        return tree | {f.name: _to_toml(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        values = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        return tree | {name: _to_toml(inner) for name, inner in values.items() if inner is not None}
     if isinstance(value, tuple):
         return [_to_toml(v) for v in value]
     return value

@@ -4,8 +4,6 @@ Inside a kernel a `Lanes` is used like a float: ``+ - * /``, comparisons (which 
 `minimum`; `load` and `store` move it from and to `LANES` neighbouring numbers of an array. Written as loops over the
 lanes, the same kernel was five times slower: the compiler left half of the loops scalar, for the sign of an index, a
 gather or a possible overlap it could not rule out.
-
-Numba's cache does not see changes in this file: after one, touch `algorithm1.py`.
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..scenario import Scenario
+from ..scenario.steps import common_substeps
 from .model import model_class
 from .rig_arrays import RigLibrary
 from .servo import LIMIT
@@ -35,7 +36,8 @@ class Library:
     """Scenarios as rows, one row an entry.
 
     scenarios : the entries
-    timing, model : what they have in common
+    control_period, model : what they have in common, s and a name
+    substeps : in a control period, the most that one of them needs
     rigs, wires : rows of the rig, and the wire model's own
     dof, magnet_count, is_turn, home : see `RigLibrary`
     limits : `Limits`
@@ -48,12 +50,13 @@ class Library:
         if not scenarios:
             raise ValueError("scenario must be one scenario or a sequence of at least one, got none")
         self.scenarios = tuple(scenarios)
-        self.timing, self.model = self.scenarios[0].timing, self.scenarios[0].model
+        timing, self.model = self.scenarios[0].timing, self.scenarios[0].model
         for i, sc in enumerate(self.scenarios):
-            if sc.timing != self.timing:
-                raise ValueError(f"scenario[{i}].timing must be that of the batch, {self.timing}, got {sc.timing}")
+            if sc.timing != timing:
+                raise ValueError(f"scenario[{i}].timing must be that of the batch, {timing}, got {sc.timing}")
             if sc.model != self.model:
                 raise ValueError(f"scenario[{i}].model must be that of the batch, {self.model!r}, got {sc.model!r}")
+        self.control_period, self.substeps = timing.control_period, common_substeps(self.scenarios)
         self.rigs = RigLibrary(self.scenarios)
         self.wires: Any = model_class(self.model).library(self.scenarios)
         self.dof, self.magnet_count = self.rigs.dof, self.rigs.magnet_count

@@ -12,6 +12,7 @@ import numpy as np
 from ..scenario import Scenario
 from .library import Library
 from .model import Places, WireModel, model_class
+from .observed import Observed
 from .readout import ROW
 from .rig_arrays import RigLanes, aligned_zeros
 from .state import SimulatorState, Trajectories
@@ -19,7 +20,7 @@ from .state import SimulatorState, Trajectories
 __all__ = ["Simulator", "SimulatorState", "Trajectories"]
 
 
-class Simulator:
+class Simulator(Observed):
     """A batch of guidewires.
 
     scenario : one `Scenario` for all lanes, or a sequence of them, one a lane; the scenarios of a batch may differ in
@@ -70,13 +71,13 @@ class Simulator:
         self.num_envs = int(n)
         self.library = scenario if isinstance(scenario, Library) else Library(scenarios)
         self.time = np.zeros(n)
-        self._threads, self._period = threads, self.library.timing.control_period
+        self._threads, self._period = threads, self.library.control_period
         self._scratch: Simulator | None = None
         self._lock = threading.RLock()
         self.rig = RigLanes(self.library.rigs, self.num_envs)
         self.readout = aligned_zeros(len(ROW), self.rig.lanes)
         """Live rows over the lanes, see `magwire_env.simulation.readout.Readout`: for other compiled code, to read."""
-        self.trace = aligned_zeros(self.library.timing.substeps + 1, self.rig.lanes)
+        self.trace = aligned_zeros(self.library.substeps + 1, self.rig.lanes)
         """Live, m: the way left at the start of the last control period and after each of its substeps, a row each."""
         model = model_class(self.library.model)
         self.model: WireModel = model(self.library, self.rig, self.readout, self.trace, threads)
@@ -117,7 +118,7 @@ class Simulator:
     @property
     def control_period(self) -> float:
         """s."""
-        return self.library.timing.control_period
+        return self.library.control_period
 
     def supports(self, feature: str) -> bool:
         """Whether the wire model has `feature`, see `magwire_env.simulation.model.FEATURES`."""
@@ -184,8 +185,8 @@ class Simulator:
         with self._lock:
             if goals is not None:
                 self._aim(lanes, goals)
-            self.model.lay(lanes, places)
             self.rig.q[:, lanes] = magnet.T
+            self.model.lay(lanes, places)
             self.model.refresh(lanes)
             self.time[lanes] = 0.0
 
@@ -307,137 +308,7 @@ class Simulator:
             self._scratch.assign(np.arange(n), entries)
         return self._scratch
 
-    # --- looking at it ----------------------------------------------------------------------------------------------
-
-    @property
-    def travelled(self) -> np.ndarray:
-        """(n,) m, way from the inlet to the tip along the route."""
-        return self._row(ROW.travelled)
-
-    @property
-    def tip_arclength(self) -> np.ndarray:
-        """(n,) m, as `travelled`: along a tract without branches the two are the same."""
-        return self._row(ROW.travelled)
-
-    @property
-    def remaining(self) -> np.ndarray:
-        """(n,) m, way left along the route to the goal, negative once past it.
-
-        In a wrong branch the way back to the route counts too.
-        """
-        return self._row(ROW.remaining)
-
-    @property
-    def remaining_trace(self) -> np.ndarray:
-        """(n, substeps + 1) m, the way left through the last control period, its start first."""
-        return self.trace[:, : self.num_envs].T.copy()
-
-    @property
-    def route_length(self) -> np.ndarray:
-        """(n,) m, from the inlet along the route to its end."""
-        return self.model.route_length(np.arange(self.num_envs))
-
-    @property
-    def tip_velocity(self) -> np.ndarray:
-        """(n,) m/s, the tip's speed along its way: of the locked wire along the tract."""
-        return self._row(ROW.speed)
-
-    @property
-    def drive_force(self) -> np.ndarray:
-        """(n,) N, the magnets' generalised force along the tip's way, by the scenario's coupling."""
-        return self._row(ROW.drive)
-
-    @property
-    def lateral_force(self) -> np.ndarray:
-        """(n,) N, size of the magnetic force across the tip's way."""
-        return self._row(ROW.lateral)
-
-    @property
-    def tip_torque(self) -> np.ndarray:
-        """(n,) N·m, size of the magnetic torque on the tip."""
-        return self._row(ROW.torque)
-
-    @property
-    def wall_force(self) -> np.ndarray:
-        """(n,) N, on the wall; of the locked wire lateral force plus the couple's two contacts, |F⊥| + 2 τ/lever."""
-        return self._row(ROW.wall)
-
-    @property
-    def peak_wall_force(self) -> np.ndarray:
-        """(n,) N, largest over the substeps of the last control period."""
-        return self._row(ROW.peak_wall)
-
-    @property
-    def mean_wall_force(self) -> np.ndarray:
-        """(n,) N, mean over the substeps of the last control period."""
-        return self._row(ROW.mean_wall)
-
-    @property
-    def peak_lateral_force(self) -> np.ndarray:
-        """(n,) N, largest over the substeps of the last control period."""
-        return self._row(ROW.peak_lateral)
-
-    @property
-    def unconverged(self) -> np.ndarray:
-        """(n,) substeps of the last control period whose solve did not converge; their motion is not to be trusted."""
-        return self._row(ROW.unconverged).astype(np.int64)
-
-    @property
-    def tip_force(self) -> np.ndarray:
-        """(n, 3) N, magnetic force on the tip."""
-        return self._rows(ROW.force_x)
-
-    @property
-    def tip_field(self) -> np.ndarray:
-        """(n, 3) T, flux density at the tip."""
-        return self._rows(ROW.field_x)
-
-    @property
-    def tip_position(self) -> np.ndarray:
-        """(n, 3) m."""
-        return self._rows(ROW.tip_x)
-
-    @property
-    def tip_tangent(self) -> np.ndarray:
-        """(n, 3), the direction of the tip's moment."""
-        return self._rows(ROW.tangent_x)
-
-    @property
-    def magnet(self) -> np.ndarray:
-        """(n, dof) rad or m, where the rig's degrees of freedom are."""
-        return self.rig.q[:, : self.num_envs].T.copy()
-
-    @property
-    def magnet_positions(self) -> np.ndarray:
-        """(n, magnets, 3) m, the magnets' centres as the scenario places them, plus their slides.
-
-        What `vary` shifted them by is not in it: policies, controllers and pictures know the rig as it was set up.
-        """
-        return self.rig.centres()
-
-    @property
-    def positions(self) -> np.ndarray:
-        """(n, nodes, 3) m, tail to tip; NaN where a lane has fewer nodes than the batch's longest wire."""
-        return self.model.positions(np.arange(self.num_envs))
-
-    @property
-    def contact_forces(self) -> np.ndarray:
-        """(n, nodes, 3) N, what the wall exerts on every node; of the locked wire known at the tip alone."""
-        return self.model.node_contact(np.arange(self.num_envs))
-
-    def ahead(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The route's centreline ahead of the tips: offsets (k,) m along it → points (m), unit tangents and curvature
-        vectors κ n (1/m), (n, k, 3) each."""
-        found = self.model.ahead(np.asarray(offsets, dtype=np.float64))
-        return found[..., :3], found[..., 3:6], found[..., 6:]
-
     # --- inside -----------------------------------------------------------------------------------------------------
-
-    def _row(self, row: int) -> np.ndarray:
-        return self.readout[row, : self.num_envs].copy()
-
-    def _rows(self, first: int) -> np.ndarray:
-        return self.readout[first : first + 3, : self.num_envs].T.copy()
 
     def _fits(self, state: SimulatorState) -> None:
         now = self.state(np.zeros(1, dtype=np.int64))
