@@ -15,6 +15,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import Delaunay, KDTree
 
+from .junctions import Line, joined
 from .mending import Opening
 from .surface import Surface
 
@@ -43,18 +44,6 @@ Progress = Callable[[float, str], None]
 
 
 @dataclass
-class Line:
-    """A centreline: its points (n, 3) and radii (n,), from its parent's line outwards.
-
-    parent : number of the line it leaves; −1 for the first, which begins at the inlet
-    """
-
-    points: np.ndarray
-    radii: np.ndarray
-    parent: int
-
-
-@dataclass
 class _Graph:
     """The balls that fit in: centres (n, 3), radii (n,), and which overlap their neighbours, (n, n) by length and cost."""
 
@@ -79,11 +68,11 @@ def centrelines(
     progress(0.6, "paths")
     goals = [_beneath(graph, o) for o in openings]
     root, at = _root(surface, graph, openings, goals, inlet, notes)
-    found = _tree(graph, root, [g for i, g in enumerate(goals) if i != at], notes)
+    found = _tree(graph, root, [g for i, g in enumerate(goals) if i != at], openings, notes)
     progress(0.8, "centring")
     ends = {g: openings[i] for i, g in enumerate(goals)}
     lines = [_line(surface, graph, path, parent, ends, k == 0) for k, (path, parent) in enumerate(found)]
-    return _joined(lines, notes)
+    return joined(surface, lines)
 
 
 # --- the medial axis --------------------------------------------------------------------------------------------------
@@ -284,7 +273,9 @@ def _from(graph: _Graph, source: int) -> np.ndarray:
     return dijkstra(graph.lengths, directed=False, indices=source)
 
 
-def _tree(graph: _Graph, root: int, goals: list[int], notes: list[str]) -> list[tuple[list[int], int]]:
+def _tree(
+    graph: _Graph, root: int, goals: list[int], openings: list[Opening], notes: list[str]
+) -> list[tuple[list[int], int]]:
     """Paths of balls from the tree outwards, with the number of the path each leaves."""
     cost, before = dijkstra(graph.costs, directed=False, indices=root, return_predecessors=True)
     far = _from(graph, root)
@@ -314,6 +305,8 @@ def _tree(graph: _Graph, root: int, goals: list[int], notes: list[str]) -> list[
         add(whole[_end_of(graph, whole[: max(3, len(whole) // 4)])])
     for path, _ in paths:
         left.cover(path)
+    for o in openings:
+        left.close_rim(o)
     dropped = 0
     while left.open.any() and len(paths) < _MOST_BRANCHES:
         tip = left.farthest(far)
@@ -334,7 +327,54 @@ def _tree(graph: _Graph, root: int, goals: list[int], notes: list[str]) -> list[
         left.open[out] = False
     if dropped:
         notes.append(f"{dropped} short or pointed spurs of less than their parent's radius are dropped")
-    return paths
+    return _wider_goes_on(graph, [path for path, _ in paths])
+
+
+def _wider_goes_on(graph: _Graph, paths: list[list[int]]) -> list[tuple[list[int], int]]:
+    """The same tree cut into lines anew: where paths part, the wider one goes on, of two alike the straighter.
+
+    paths : from the tree's balls outwards, the first from the root; the others begin with a ball of one before them
+    """
+    ahead: dict[int, list[int]] = {}
+    path_of: dict[tuple[int, int], tuple[int, int]] = {}
+    for k, path in enumerate(paths):
+        for i, (a, b) in enumerate(zip(path[:-1], path[1:], strict=True)):
+            ahead.setdefault(a, []).append(b)
+            path_of[a, b] = (k, i)
+    lines: list[tuple[list[int], int]] = []
+    waiting = [([paths[0][0]], -1)]
+    while waiting:
+        line, parent = waiting.pop(0)
+        while following := ahead.get(line[-1]):
+            if len(following) > 1:
+                looks = [_just_ahead(graph, paths[k][i:]) for k, i in (path_of[line[-1], b] for b in following)]
+                back = _direction(graph, line[::-1], graph.radii[line[-1]])
+                widest = max(width for width, _ in looks)
+                alike = [n for n, (width, _) in enumerate(looks) if width > 0.85 * widest]
+                best = min(alike, key=lambda n: float(looks[n][1] @ back))
+                waiting += [([line[-1], b], len(lines)) for n, b in enumerate(following) if n != best]
+                line.append(following[best])
+            else:
+                line.append(following[0])
+        lines.append((line, parent))
+    return lines
+
+
+def _just_ahead(graph: _Graph, path: list[int]) -> tuple[float, np.ndarray]:
+    """The width of a path behind the junction it begins in, and its direction there."""
+    reach = graph.radii[path[0]]
+    steps = np.r_[0.0, np.linalg.norm(np.diff(graph.centres[path], axis=0), axis=1).cumsum()]
+    behind = (steps > 1.3 * reach) & (steps < 4.0 * reach)
+    if not behind.any():
+        behind = steps >= 0.6 * steps[-1]
+    return float(np.median(graph.radii[path][behind])), _direction(graph, path, 2.0 * reach)
+
+
+def _direction(graph: _Graph, path: list[int], reach: float) -> np.ndarray:
+    """Unit vector from a path's first ball to the one `reach` along it."""
+    steps = np.r_[0.0, np.linalg.norm(np.diff(graph.centres[path], axis=0), axis=1).cumsum()]
+    way = graph.centres[path[int(np.searchsorted(steps, reach).clip(max=len(path) - 1))]] - graph.centres[path[0]]
+    return way / max(float(np.linalg.norm(way)), 1e-300)
 
 
 class _Uncovered:
@@ -354,6 +394,11 @@ class _Uncovered:
         reach = float(np.linalg.norm(centres[tip] - centres[end])) + 2.0 * radii[end]
         near = np.array(self.tree.query_ball_point(centres[end], reach), dtype=np.int64)
         self.open[near[(radii[near] <= radii[end]) & (far[near] > far[end])]] = False
+
+    def close_rim(self, end: Opening) -> None:
+        """Take out the balls in the corner between an end's cap and the wall."""
+        near = np.array(self.tree.query_ball_point(end.centre, 1.5 * end.radius), dtype=np.int64)
+        self.open[near[self.graph.radii[near] < 0.95 * end.radius]] = False
 
     def cover(self, path: list[int]) -> None:
         """Take the balls about a path's centres out of those still open."""
@@ -403,20 +448,39 @@ def _line(surface: Surface, graph: _Graph, path: list[int], parent: int, ends: d
         points = _centred(surface, _smooth(points, radii))
         radii = surface.closest(points)[0]
     points = _smooth(points, radii, 1)
-    points = _blunt(points, surface.closest(points)[0], not (first and path[0] in ends), path[-1] not in ends, first)
+    blind_start, blind_end = first and path[0] not in ends, path[-1] not in ends
+    points = _blunt(points, surface.closest(points)[0], blind_start, blind_end)
     head, tail = [], []
     if first and path[0] in ends:
         points, head = _without_cap(points, radii, ends[path[0]], False)
     if path[-1] in ends:
         points, tail = _without_cap(points, radii, ends[path[-1]], True)
     radii = surface.closest(points)[0]
+    if blind_start:  # the wire comes in through the wall
+        head = _to_wall(surface, points[::-1], radii[0], 0.0)
+    if blind_end:
+        tail = _to_wall(surface, points, radii[-1], radii[-1])
     points = np.concatenate([*head, points, *tail])
     radii = np.concatenate([radii[:1] if head else radii[:0], radii, radii[-1:] if tail else radii[:0]])
     return Line(points, radii, parent)
 
 
-def _blunt(points: np.ndarray, radii: np.ndarray, at_start: bool, at_end: bool, first: bool) -> np.ndarray:
-    """Without the last points in a round end, where the balls shrink: at a blind end, and a blind inlet."""
+def _to_wall(surface: Surface, points: np.ndarray, radius: float, left: float) -> list[np.ndarray]:
+    """The point straight on from a line's last one, `left` before the wall, (1, 3); none if it is hardly farther."""
+    back = points[max(0, len(points) - 5)]
+    ahead = (points[-1] - back) / max(float(np.linalg.norm(points[-1] - back)), 1e-300)
+    way, end = 0.0, points[-1]
+    for _ in range(20):  # each step goes as far as no wall can stand
+        gap = float(surface.distance(end[None])[0][0])
+        if gap < 0.01 * radius or way > 2.0 * radius:
+            break
+        way += gap
+        end = points[-1] + way * ahead
+    return [(points[-1] + (way - left) * ahead)[None]] if way - left > 0.05 * radius else []
+
+
+def _blunt(points: np.ndarray, radii: np.ndarray, at_start: bool, at_end: bool) -> np.ndarray:
+    """Without the last points in a blind end, where the balls shrink."""
 
     def kept(radii: np.ndarray, steps: np.ndarray) -> int:
         """How many points at the end to drop."""
@@ -427,7 +491,7 @@ def _blunt(points: np.ndarray, radii: np.ndarray, at_start: bool, at_end: bool, 
         return 0
 
     steps = np.r_[0.0, np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum()]
-    head = kept(radii, steps) if at_start and first else 0
+    head = kept(radii, steps) if at_start else 0
     tail = kept(radii[::-1], steps[-1] - steps[::-1]) if at_end else 0
     return points[head : len(points) - tail] if head + tail < len(points) - 2 else points
 
@@ -493,37 +557,3 @@ def _centred(surface: Surface, points: np.ndarray) -> np.ndarray:
         best = np.where(better, gap[way, row], best)
         step = np.where(better, step, step / 2)
     return points
-
-
-def _joined(lines: list[Line], notes: list[str]) -> list[Line]:
-    """Each branch led straight to its parent's line from where it leaves the parent's balls."""
-    made: list[Line] = []
-    for line in lines:
-        if line.parent < 0:
-            made.append(line)
-            continue
-        trees = made[line.parent]
-        others = KDTree(trees.points)
-        gap, at = others.query(line.points)
-        out = gap > 0.95 * trees.radii[at]
-        first = int(out.argmax()) if out.any() else max(len(line.points) - 2, 1)
-        first = min(first, len(line.points) - 2)
-        last = min(len(line.points) - 1, first + 4)
-        ahead = line.points[last] - line.points[first]
-        ahead /= max(float(np.linalg.norm(ahead)), 1e-300)
-        start, number = _meeting(trees, line.points[first], ahead, int(at[first]))
-        points = np.concatenate([start[None], line.points[first:]])
-        radii = np.concatenate([[min(trees.radii[number], line.radii[first])], line.radii[first:]])
-        made.append(Line(points, radii, line.parent))
-    return made
-
-
-def _meeting(parent: Line, point: np.ndarray, ahead: np.ndarray, near: int) -> tuple[np.ndarray, int]:
-    """The point of the parent's line that the branch, drawn on backwards, passes most nearly."""
-    apart = np.linalg.norm(parent.points - parent.points[near], axis=1)
-    close = np.flatnonzero(apart < 2.5 * parent.radii[near])
-    back = parent.points[close] - point
-    along = np.minimum((back * ahead).sum(axis=1), 0.0)
-    miss = np.linalg.norm(back - along[:, None] * ahead, axis=1) + 0.15 * np.linalg.norm(back, axis=1)
-    number = int(close[miss.argmin()])
-    return parent.points[number], number
