@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from ..lanes import anywhere, floor, gather, load, maximum, minimum, reciprocal, rsqrt, spread, sqrt, store, where
+from ..lanes import LANES, anywhere, floor, gather, load, maximum, minimum, reciprocal, rsqrt, spread, sqrt, store, where
 from .layout import ALONG, FOUND, LAGGED, ROW, TABLE_STRIDE
 from .vectors import (
     INLINE,
@@ -21,9 +21,12 @@ from .vectors import (
     cross,
     diagonal,
     dot,
+    load3,
     plus,
     plus6,
+    select3,
     square,
+    store3,
     sub,
     times,
     zero3,
@@ -103,7 +106,9 @@ def touch(table, foot, at, load_at, work, x, x0, t, radius, spun, stiffness, fri
     depth = depth + radius
     inside = depth > 0.0
     lagged = where(taken, load(work, load_at + FOUND), load(work, load_at + LAGGED))
+    lag_n = select3(taken, load3(work, load_at + FOUND + LANES), load3(work, load_at + LAGGED + LANES))
     store(work, load_at + LAGGED, lagged)
+    store3(work, load_at + LAGGED + LANES, lag_n)
     force, energy = spread(0.0), spread(0.0)
     gradient, hessian = zero3(), zero6()
     old, new, by_spin, spin_spin, spin_x = spread(0.0), spread(0.0), spread(0.0), spread(0.0), zero3()
@@ -117,13 +122,17 @@ def touch(table, foot, at, load_at, work, x, x0, t, radius, spun, stiffness, fri
         old, new = energy, energy
         if anywhere(friction > 0.0):
             n = times(rsqrt(dot(normal, normal)), normal)
+            store3(work, load_at + FOUND + LANES, n)
+            moved = sub(x, x0)
+            v = plus(moved, spun * radius, cross(t, lag_n))
+            v = plus(v, -dot(v, lag_n), lag_n)
+            old = old + friction * lagged * (sqrt(dot(v, v) + slow * slow) - slow)
             ring = times(radius, cross(t, n))
-            v = plus(sub(x, x0), spun, ring)
+            v = plus(moved, spun, ring)
             v = plus(v, -dot(v, n), n)
             size2 = dot(v, v) + slow * slow
             size_inv = rsqrt(size2)
             size = size2 * size_inv
-            old = old + friction * lagged * (size - slow)
             new = new + friction * force * (size - slow)
             rub = friction * force * size_inv
             gradient = plus(gradient, rub, v)

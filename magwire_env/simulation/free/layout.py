@@ -110,6 +110,6 @@ N0, M1, TURN, TURN_MOVE, SPIN_GRADIENT, U1, U2, SPIN_RIGHT, S1, S2, S3 = (
 )  # fmt: skip
 WORK_STRIDE = 56 * LANES
 
-# Of a contact point in the workspace: its load, for friction, as lagged and as found.
-LAGGED, FOUND = _fields("LAGGED FOUND")
-LOAD_STRIDE = 2 * LANES
+# Of a contact point in the workspace: its load and its normal, for friction, as lagged and as found.
+LAGGED, FOUND = 0, 4 * LANES
+LOAD_STRIDE = 8 * LANES

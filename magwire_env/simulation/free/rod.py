@@ -290,7 +290,8 @@ def evaluate(
 
         if anywhere(begins):
             base_force = select3(begins, db, base_force)
-            bend = times(-2.0 * bending * inv_span * reciprocal(maximum(1.0 + dot(u, w), 1e-6)), cross(u, w))
+            r = reciprocal(maximum(1.0 + dot(u, w), 1e-6))
+            bend = times(-4.0 * bending * inv_span * r * r, cross(u, w))
             base_torque = select3(begins, plus(bend, -twist_torque, u), base_torque)
 
         # --- the feed ---

@@ -22,8 +22,8 @@ from .rod import evaluate, search
 from .vectors import INLINE, JIT, dot, load3, plus, select3, store3, sub, times, zero3
 
 ARMIJO = 1e-4
-NOISE = 1e-13
-"""Share of the energy that rounding may raise it by."""
+NOISE, LEAST_MOVE = 1e-13, 1e-9
+"""What rounding may raise the potential by: this share of it, and the force tolerance times this way (m)."""
 
 HUGE = 1e300
 
@@ -143,7 +143,7 @@ def judge(old, new, worst, pressed, par, lane, running):
     """Whether the trial is taken, and whether it balances the forces."""
     alpha, slope, tries = load(lane, at.ALPHA), load(lane, at.SLOPE), load(lane, at.TRIES)
     energy = load(lane, at.ENERGY)
-    noise = NOISE * (absolute(old) + absolute(energy))
+    noise = NOISE * (absolute(old) + absolute(energy)) + LEAST_MOVE * load(par, at.FORCE_TOLERANCE)
     taken = running & ((old <= energy + ARMIJO * alpha * slope + noise) | (tries < 0.5))
     rejected = running & (old > -HUGE)
     # along the parabola through both ends

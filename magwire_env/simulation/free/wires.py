@@ -10,6 +10,7 @@ from ..lanes import LANES
 from ..threads import cores, share_out
 from . import layout as at
 from . import magnetics, stepper
+from .tubes import Tube
 
 __all__ = ["FreeWires", "Pieces"]
 
@@ -68,8 +69,7 @@ class FreeWires:
         points: int = 1,
         twist: bool = False,
         threads: int | None = None,
-        table: np.ndarray = NO_WALL,
-        spacing: float = 1.0,
+        wall: Tube | None = None,
     ) -> None:
         self.n, self.nodes, self.points, self.threads = n, pieces.segments + 1, points, threads
         blocks = self.blocks = -(-n // LANES)
@@ -79,15 +79,17 @@ class FreeWires:
         self._node = _zeros(blocks, self.nodes * at.NODE_STRIDE)
         self._spin = _zeros(blocks, self.nodes * at.SPIN_STRIDE) if twist else None
         self._foot = _zeros(blocks, self.nodes * points * at.FOOT_STRIDE)
-        self.table = np.ascontiguousarray(table, dtype=np.float64).reshape(-1)
+        self.wall = wall
+        self.table = np.ascontiguousarray(NO_WALL if wall is None else wall.table, dtype=np.float64).reshape(-1)
         count = min(threads or cores(), blocks)
         size = self.nodes * at.WORK_STRIDE, self.nodes * points * at.LOAD_STRIDE
         self._workspaces = [[_zeros(1, s)[0] for s in (*size, magnetics.POSE_STRIDE * 8)] for _ in range(count)]
+        self.gradient, self.contact = np.zeros((2, blocks * LANES, self.nodes, 3))
         self.magnetic = np.zeros(self.nodes, dtype=np.bool_)
         self.rig_none()
         for name, value in (
             ("STEP", step), ("STEPS", steps), ("MOST_MOVE", 1e3), ("FORCE_TOLERANCE", 1e-9), ("STICK", 1e-4),
-            ("MOVE_TOLERANCE", 0.0), ("PATIENCE", 60), ("MEMORY", 1.0), ("SPACING", spacing), ("FEED_STIFFNESS", 1e5),
+            ("MOVE_TOLERANCE", 1e-11), ("PATIENCE", 60), ("MEMORY", 1.0), ("SPACING", 1.0 if wall is None else wall.spacing), ("FEED_STIFFNESS", 1e5),
             ("FEED_FORCE", 10.0), ("BASE_TX", 1.0), ("TIP_TX", 1.0),
         ):  # fmt: skip
             self.par(name, value)
@@ -184,6 +186,7 @@ class FreeWires:
         for axis in range(3):
             self._set(self._node, at.NODE_STRIDE, at.X + axis * LANES, positions[..., axis], None)
             self._set(self._node, at.NODE_STRIDE, at.VX + axis * LANES, velocities[..., axis], None)
+        self.find_feet()
         if self._spin is not None:
             if directors is None:
                 start = self.lane("BASE_MX", 3)
@@ -193,6 +196,20 @@ class FreeWires:
             for axis in range(3):
                 self._set(self._spin, at.SPIN_STRIDE, at.MX + axis * LANES, directors[..., axis], None)
             self._set(self._spin, at.SPIN_STRIDE, at.RATE, 0.0, None)
+
+    def contact_points(self, positions: np.ndarray) -> np.ndarray:
+        """(n, nodes · points, 3) m; those above the tip coincide with it."""
+        above = np.concatenate([positions[:, 1:], positions[:, -1:]], axis=1)
+        share = (np.arange(self.points) / self.points)[:, None]
+        return (positions[:, :, None] + share * (above - positions)[:, :, None]).reshape(self.n, -1, 3)
+
+    def find_feet(self) -> None:
+        """Find the wall's part next to every contact point anew."""
+        if self.wall is None:
+            return
+        rows, along = self.wall.feet(self.contact_points(self.positions))
+        self._set(self._foot, at.FOOT_STRIDE, at.ROW, rows, None)
+        self._set(self._foot, at.FOOT_STRIDE, at.ALONG, along, None)
 
     @property
     def positions(self) -> np.ndarray:
@@ -224,6 +241,19 @@ class FreeWires:
                 )  # fmt: skip
 
         share_out(run, np.arange(self.blocks), self._workspaces, self.threads)  # type: ignore[arg-type]
+
+    def refresh(self) -> None:
+        """Bring the forces up to date with the present state."""
+        for b in range(self.blocks):
+            stepper.publish(
+                b, self.points, self.magnetic, self._par[b], self._wire[b], self._lane[b], self._node[b],
+                None if self._spin is None else self._spin[b], self._foot[b], self.table, self.rig, self._magnets[b],
+                self.clouds, self.cloud_of, self.sources, self._q[b], *self._workspaces[0],
+            )  # fmt: skip
+            work = self._workspaces[0][0].reshape(1, -1)
+            view = self._view(work, at.WORK_STRIDE)[0]
+            for rows, o in ((self.gradient, at.GRADIENT), (self.contact, at.CONTACT)):
+                rows[b * LANES : (b + 1) * LANES] = view[:, o // LANES : o // LANES + 3].transpose(2, 0, 1)
 
 
 def carried(positions: np.ndarray, first: np.ndarray) -> np.ndarray:
