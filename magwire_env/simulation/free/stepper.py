@@ -19,6 +19,7 @@ from .elements import transported, turned
 from .layout import FINEST
 from .magnetics import place_magnets
 from .rod import evaluate, search
+from .sleeve import JOIN, SPLIT, regrid
 from .vectors import INLINE, JIT, dot, load3, plus, select3, store3, sub, times, zero3
 
 ARMIJO = 1e-4
@@ -181,6 +182,8 @@ def run_block(
             next_cell(finish, again, begin, par, lane, h_old, h)
             next_step(tail, finish, again, begin, par, wire, lane, node, spin, work, h_old, h)
             store(lane, at.H, where(begin, h, h_old))
+            if regrid_lanes(points, begin, par, wire, lane, node, spin, foot, work):
+                tail = first_active(lane, nodes)
             actuate(again, begin, par, lane, dofs, is_turn, q, command, h)
             place_magnets(rig, magnets, q, pose)
             for field, value in ((at.ALPHA, 1.0), (at.EXACT, 1.0), (at.TRIES, 0.0), (at.ENERGY, HUGE), (at.SLOPE, 0.0)):
@@ -260,6 +263,21 @@ def publish(
         block, 0, points, magnetic, par, wire, lane, node, spin, foot, work, loads, table,
         rig, magnets, clouds, cloud_of, sources, pose,
     )  # fmt: skip
+
+
+@njit(**JIT)
+def regrid_lanes(points, begin, par, wire, lane, node, spin, foot, work):
+    """Let nodes out of the sleeve or back into it where a step begins; returns whether any did."""
+    cell, fed = load(lane, at.CELL), (load(par, at.FED) > 0.5) & begin
+    rest = load(lane, at.CELL_REST)
+    if not anywhere(fed & ((cell > SPLIT * rest) | (cell < JOIN * rest))):
+        return False
+    store(work, at.GRADIENT, where(fed, 1.0, 0.0))
+    did = False
+    for l in range(LANES):
+        if work[at.GRADIENT + l] > 0.5:
+            did = regrid(l, points, par, wire, lane, node, spin, foot, work, lane[at.H + l]) or did
+    return did
 
 
 @njit(**JIT)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -130,6 +131,7 @@ class FreeWires:
     def par(self, name: str, value: np.ndarray | float, lanes: np.ndarray | None = None) -> None:
         """Set a parameter of `layout`, one number or (n,)."""
         self._set(self._par, at.PAR_SIZE, getattr(at, name), np.asarray(value, dtype=np.float64)[..., None], lanes)
+        self._par.reshape(self.blocks, -1, LANES)[-1, at.STEPS // LANES, self.n - self.blocks * LANES or LANES :] = 0.0
 
     def wire(self, name: str, value: np.ndarray | float, lanes: np.ndarray | None = None) -> None:
         """Set a property of the wire, one number, (nodes,) or (n, nodes)."""
@@ -196,6 +198,39 @@ class FreeWires:
             for axis in range(3):
                 self._set(self._spin, at.SPIN_STRIDE, at.MX + axis * LANES, directors[..., axis], None)
             self._set(self._spin, at.SPIN_STRIDE, at.RATE, 0.0, None)
+
+    def feed(self, inserted: np.ndarray | float, path: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Lay the wires along a path, `inserted` m of each of them out of the sleeve at its start, at rest.
+
+        path : arc lengths (...) m from the inlet on → points (..., 3) m, straight behind it where negative
+        """
+        rest = self._get(self._wire, at.WIRE_STRIDE, at.REST)[:, :-1, 0]
+        to_tip = np.concatenate([np.cumsum(rest[:, ::-1], axis=1)[:, ::-1], np.zeros((self.n, 1))], axis=1)
+        inserted = np.broadcast_to(np.asarray(inserted, dtype=np.float64), (self.n,))
+        out = inserted[:, None] - to_tip  # of every node, from the inlet
+        # the cell is between a half and three halves of its segment
+        first = np.argmax(out + 0.5 * np.concatenate([rest, rest[:, -1:]], axis=1) > 0.0, axis=1)
+        first = np.minimum(first, self.nodes - 3)
+        first -= out[np.arange(self.n), first] > 0.5 * rest[np.arange(self.n), first]
+        first = np.clip(first, 0, self.nodes - 3)
+        lanes = np.arange(self.n)
+        above = to_tip[lanes, first + 1]
+        s = np.where(np.arange(self.nodes) == first[:, None], 0.0, out)
+        for name, value in (
+            ("FIRST", first), ("OUT", above), ("CELL", inserted - above), ("CELL_START", inserted - above),
+            ("CELL_REST", rest[lanes, first]), ("FEED_GOAL", inserted - above), ("FEED_WANT", inserted), ("CELL_SPEED", 0.0),
+        ):  # fmt: skip
+            self.lane_field(name, np.asarray(value, dtype=np.float64), lanes)
+        self.par("FED", 1.0)
+        self.par("BASE_CLAMPED", 1.0)
+        self.vector("BASE_X", path(np.zeros(1))[0])
+        x = path(s)
+        beyond = np.arange(self.nodes) < first[:, None]
+        t = path(np.full(1, -1e-3))[0]
+        t = (path(np.zeros(1))[0] - t) / 1e-3
+        self.vector("BASE_TX", t / np.linalg.norm(t))
+        x[beyond] = (path(np.zeros(1))[0] + np.minimum(s, 0.0)[..., None] * t / np.linalg.norm(t))[beyond]
+        self.place(x)
 
     def contact_points(self, positions: np.ndarray) -> np.ndarray:
         """(n, nodes · points, 3) m; those above the tip coincide with it."""
