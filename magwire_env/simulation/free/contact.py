@@ -12,6 +12,7 @@ from __future__ import annotations
 from numba import njit
 
 from ..lanes import LANES, anywhere, floor, gather, load, maximum, minimum, reciprocal, rsqrt, spread, sqrt, store, where
+from .bricks import depth_in_bricks
 from .layout import ALONG, FOUND, LAGGED, ROW, TABLE_STRIDE
 from .vectors import (
     INLINE,
@@ -46,7 +47,7 @@ def cubic(table, row, field, u):
 
 @njit(**INLINE)
 def tube(table, foot, at, spacing, x, moves):
-    """Depth −φ of a point in the wall, its gradient, the distance outwards from the foot and the direction there.
+    """Depth −φ of a point in the wall, its gradient, and the inverse of its distance from its foot.
 
     Also returns 1 where the wall closes round the point, −1 where it is an obstacle, and the centreline's direction. The
     foot moves along by a Newton step (and, in lanes where `moves` holds, stays there): the depth is stationary in it, so
@@ -87,13 +88,14 @@ def tube(table, foot, at, spacing, x, moves):
     goes = (step > 0.5) | (step < -0.5)
     store(foot, at + ROW, row + step)
     store(foot, at + ALONG, where(moves, where(goes, goal - moved * spacing, goal), u))
-    return sign * d - radius, gradient, inv, out, sign, t
+    return sign * d - radius, gradient, inv, sign, t
 
 
 @njit(**JIT)
-def touch(table, foot, at, load_at, work, x, x0, t, radius, spun, stiffness, friction, slow, spacing, exact, taken, moves):
+def touch(table, grid, par, foot, at, load_at, work, x, x0, t, radius, spun, stiffness, friction, slow, spacing, exact, taken, moves):
     """Wall and friction at one contact point.
 
+    table, grid : the wall, as rows of a tube or, where `grid` has numbers, as bricks
     x, x0 : the point now and at the step's start; t : the wire's direction; spun : rad turned since then
     stiffness : N/m, the wall's times the length the point stands for; slow : m, the stick speed times the step
     taken : whether the last trial became the iterate, whose load is then the friction's
@@ -102,7 +104,11 @@ def touch(table, foot, at, load_at, work, x, x0, t, radius, spun, stiffness, fri
     Returns the energies with the lagged and with the present load, the normal force, the gradient, the Hessian, the
     gradient by the spin, its own second derivative and its mixed ones with x.
     """
-    depth, normal, inv, out, sign, along = tube(table, foot, at, spacing, x, moves)
+    if len(grid) > 0:
+        depth, normal = depth_in_bricks(grid, par, x)
+        inv, sign, along = spread(0.0), spread(1.0), t
+    else:
+        depth, normal, inv, sign, along = tube(table, foot, at, spacing, x, moves)
     depth = depth + radius
     inside = depth > 0.0
     lagged = where(taken, load(work, load_at + FOUND), load(work, load_at + LAGGED))

@@ -142,7 +142,7 @@ def magnet_terms(block, i, active, par, wire, rig, magnets, clouds, cloud_of, so
 
 @njit(**JIT)
 def evaluate(
-    block, tail, points, magnetic, par, wire, lane, node, spin, foot, work, loads, table,
+    block, tail, points, magnetic, par, wire, lane, node, spin, foot, work, loads, table, grid,
     rig, magnets, clouds, cloud_of, sources, pose,
 ):  # fmt: skip
     """The potential at the trial x + α move, and the elimination of its Newton system.
@@ -266,7 +266,7 @@ def evaluate(
             if k == 0:
                 weight = where(begins, 0.0, 0.5 * (rest_below + rest))
             t_old, t_new, force, g, hx, g_spin, h_spin, x_spin = touch(
-                table, foot, (i * points + k) * at.FOOT_STRIDE, (i * points + k) * at.LOAD_STRIDE, loads,
+                table, grid, par, foot, (i * points + k) * at.FOOT_STRIDE, (i * points + k) * at.LOAD_STRIDE, loads,
                 plus(xb, a, e), plus(start_b, a, start_e), w, radius, spun, away * weight, friction, slow, spacing,
                 exact, taken, moves,
             )  # fmt: skip
@@ -372,7 +372,7 @@ def evaluate(
         sa, sb = sub(sa, ses), add(sb, ses)
     start = load3(work, ob + at.START)
     t_old, t_new, force, g, hx, g_spin, h_spin, x_spin = touch(
-        table, foot, tip * points * at.FOOT_STRIDE, tip * points * at.LOAD_STRIDE, loads, xb, start, u,
+        table, grid, par, foot, tip * points * at.FOOT_STRIDE, tip * points * at.LOAD_STRIDE, loads, xb, start, u,
         load(wire, (tip - 1) * at.WIRE_STRIDE + at.RADIUS), zero,
         wall * (0.5 * rest_below) + load(par, at.WALL) * load(par, at.TIP_CAP), friction, slow, spacing, exact, taken, moves,
     )  # fmt: skip

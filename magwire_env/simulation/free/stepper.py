@@ -27,6 +27,8 @@ NOISE, LEAST_MOVE = 1e-13, 1e-9
 """What rounding may raise the potential by: this share of it, and the force tolerance times this way (m)."""
 
 HUGE = 1e300
+REFUSED = 1e3
+"""J, an energy that even a step's first trial may not have: a point is far outside the wall."""
 
 
 @njit(**INLINE)
@@ -145,7 +147,7 @@ def judge(old, new, worst, pressed, par, lane, running):
     alpha, slope, tries = load(lane, at.ALPHA), load(lane, at.SLOPE), load(lane, at.TRIES)
     energy = load(lane, at.ENERGY)
     noise = NOISE * (absolute(old) + absolute(energy)) + LEAST_MOVE * load(par, at.FORCE_TOLERANCE)
-    taken = running & ((old <= energy + ARMIJO * alpha * slope + noise) | (tries < 0.5))
+    taken = running & ((old <= energy + ARMIJO * alpha * slope + noise) | ((tries < 0.5) & (old < REFUSED)))
     rejected = running & (old > -HUGE)
     # along the parabola through both ends
     drop = maximum(old - energy - alpha * slope, 1e-300)
@@ -161,7 +163,7 @@ def judge(old, new, worst, pressed, par, lane, running):
 
 @njit(**JIT)
 def run_block(
-    block, points, magnetic, par, wire, lane, node, spin, foot, table, dofs, is_turn, rig, magnets, clouds, cloud_of,
+    block, points, magnetic, par, wire, lane, node, spin, foot, table, grid, dofs, is_turn, rig, magnets, clouds, cloud_of,
     sources, q, command, work, loads, pose,
 ):  # fmt: skip
     """One control period of a block, in place."""
@@ -192,7 +194,7 @@ def run_block(
         if not anywhere(running):
             break
         old, new, worst, decrement, pressed = evaluate(
-            block, tail, points, magnetic, par, wire, lane, node, spin, foot, work, loads, table,
+            block, tail, points, magnetic, par, wire, lane, node, spin, foot, work, loads, table, grid,
             rig, magnets, clouds, cloud_of, sources, pose,
         )  # fmt: skip
         alpha = load(lane, at.ALPHA)
@@ -234,7 +236,7 @@ def run_block(
 
 @njit(**JIT)
 def publish(
-    block, points, magnetic, par, wire, lane, node, spin, foot, table, rig, magnets, clouds, cloud_of, sources, q,
+    block, points, magnetic, par, wire, lane, node, spin, foot, table, grid, rig, magnets, clouds, cloud_of, sources, q,
     work, loads, pose,
 ):  # fmt: skip
     """Forces of the present state: a function of places, velocities and directors alone.
@@ -260,7 +262,7 @@ def publish(
         store(loads, i * LANES, zero)
     place_magnets(rig, magnets, q, pose)
     evaluate(
-        block, 0, points, magnetic, par, wire, lane, node, spin, foot, work, loads, table,
+        block, 0, points, magnetic, par, wire, lane, node, spin, foot, work, loads, table, grid,
         rig, magnets, clouds, cloud_of, sources, pose,
     )  # fmt: skip
 

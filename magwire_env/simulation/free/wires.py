@@ -11,6 +11,7 @@ from ..lanes import LANES
 from ..threads import cores, share_out
 from . import layout as at
 from . import magnetics, stepper
+from .bricks import Bricks
 from .tubes import Tube
 
 __all__ = ["FreeWires", "Pieces"]
@@ -70,7 +71,7 @@ class FreeWires:
         points: int = 1,
         twist: bool = False,
         threads: int | None = None,
-        wall: Tube | None = None,
+        wall: Tube | Bricks | None = None,
     ) -> None:
         self.n, self.nodes, self.points, self.threads = n, pieces.segments + 1, points, threads
         blocks = self.blocks = -(-n // LANES)
@@ -81,7 +82,8 @@ class FreeWires:
         self._spin = _zeros(blocks, self.nodes * at.SPIN_STRIDE) if twist else None
         self._foot = _zeros(blocks, self.nodes * points * at.FOOT_STRIDE)
         self.wall = wall
-        self.table = np.ascontiguousarray(NO_WALL if wall is None else wall.table, dtype=np.float64).reshape(-1)
+        self.table = np.ascontiguousarray(wall.table if isinstance(wall, Tube) else NO_WALL, dtype=np.float64).reshape(-1)
+        self.grid = wall.data if isinstance(wall, Bricks) else np.zeros(0, dtype=np.float32)
         count = min(threads or cores(), blocks)
         size = self.nodes * at.WORK_STRIDE, self.nodes * points * at.LOAD_STRIDE
         self._workspaces = [[_zeros(1, s)[0] for s in (*size, magnetics.POSE_STRIDE * 8)] for _ in range(count)]
@@ -90,8 +92,9 @@ class FreeWires:
         self.rig_none()
         for name, value in (
             ("STEP", step), ("STEPS", steps), ("MOST_MOVE", 1e3), ("FORCE_TOLERANCE", 1e-9), ("STICK", 1e-4),
-            ("MOVE_TOLERANCE", 1e-11), ("PATIENCE", 60), ("MEMORY", 1.0), ("SPACING", 1.0 if wall is None else wall.spacing), ("FEED_STIFFNESS", 1e5),
+            ("MOVE_TOLERANCE", 1e-11), ("PATIENCE", 60), ("MEMORY", 1.0), ("SPACING", wall.spacing if isinstance(wall, Tube) else 1.0), ("FEED_STIFFNESS", 1e5),
             ("FEED_FORCE", 10.0), ("BASE_TX", 1.0), ("TIP_TX", 1.0),
+            *(wall.fields().items() if isinstance(wall, Bricks) else ()),
         ):  # fmt: skip
             self.par(name, value)
         self.take(np.arange(blocks * LANES), pieces)
@@ -240,7 +243,7 @@ class FreeWires:
 
     def find_feet(self) -> None:
         """Find the wall's part next to every contact point anew."""
-        if self.wall is None:
+        if not isinstance(self.wall, Tube):
             return
         rows, along = self.wall.feet(self.contact_points(self.positions))
         self._set(self._foot, at.FOOT_STRIDE, at.ROW, rows, None)
@@ -270,7 +273,7 @@ class FreeWires:
             for b in blocks:
                 stepper.run_block(
                     b, self.points, self.magnetic, self._par[b], self._wire[b], self._lane[b], self._node[b],
-                    None if self._spin is None else self._spin[b], self._foot[b], self.table, self._dofs[b],
+                    None if self._spin is None else self._spin[b], self._foot[b], self.table, self.grid, self._dofs[b],
                     self.is_turn, self.rig, self._magnets[b], self.clouds, self.cloud_of, self.sources, self._q[b],
                     self._command[b], *work,
                 )  # fmt: skip
@@ -282,7 +285,7 @@ class FreeWires:
         for b in range(self.blocks):
             stepper.publish(
                 b, self.points, self.magnetic, self._par[b], self._wire[b], self._lane[b], self._node[b],
-                None if self._spin is None else self._spin[b], self._foot[b], self.table, self.rig, self._magnets[b],
+                None if self._spin is None else self._spin[b], self._foot[b], self.table, self.grid, self.rig, self._magnets[b],
                 self.clouds, self.cloud_of, self.sources, self._q[b], *self._workspaces[0],
             )  # fmt: skip
             work = self._workspaces[0][0].reshape(1, -1)
