@@ -2,13 +2,14 @@
 # make test:  install what is needed, run the whole suite.
 # make bench: the speed benchmarks, ratios from one run.
 # make pictures: the README's pictures anew.
+# make floors: a smoke test on the lowest versions that pyproject.toml allows.
 
 PYTHON ?= python3
 VENV   := .venv
 PY     := $(VENV)/bin/python
 PIP    := $(PY) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: train test lint bench pictures clean
+.PHONY: train test lint bench pictures floors clean
 
 train: $(VENV)/train.stamp
 	$(PY) train.py $(ARGS)
@@ -20,6 +21,7 @@ lint: $(VENV)/test.stamp
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
 	$(PY) -m mypy
+	$(VENV)/bin/lint-imports --no-cache
 
 bench: $(VENV)/test.stamp
 	$(PY) -m tests.speed.bench $(ARGS)
@@ -27,8 +29,17 @@ bench: $(VENV)/test.stamp
 pictures: $(VENV)/test.stamp
 	$(PY) -m agents.cli.pictures docs/pictures
 
+# The lowest versions that pyproject.toml allows, first the core without extras.
+floors:
+	rm -rf $(VENV)-floor && $(PYTHON) -m venv $(VENV)-floor
+	$(VENV)-floor/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints-floor.txt .
+	cd tests && ../$(VENV)-floor/bin/python floors.py
+	$(VENV)-floor/bin/python -m pip install --quiet --disable-pip-version-check torch==2.13.0
+	$(VENV)-floor/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints-floor.txt '.[train]'
+	cd tests && ../$(VENV)-floor/bin/python floors.py --train
+
 clean:
-	rm -rf $(VENV) build dist *.egg-info
+	rm -rf $(VENV) $(VENV)-floor build dist *.egg-info
 
 # torch first and alone: a pinned version resolves to the CPU build where one is at hand, a range may not.
 $(VENV)/train.stamp: pyproject.toml constraints.txt

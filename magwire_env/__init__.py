@@ -27,7 +27,7 @@ TASK_IDS = tuple(f"MagWire/{name}-v0" for name in ("Steer", "Reach", "Track", "S
 for _id in TASK_IDS:
     gym.register(
         id=_id,
-        entry_point=f"magwire_env.envs.pages:{_id[8:-3]}",
+        entry_point="magwire_env.envs.pages:make",
         vector_entry_point="magwire_env.envs.vector_env:MagWireVectorEnv",
         kwargs={"task": _id},
     )

@@ -1,1 +1,1 @@
-"""Which policies meet where, one piece of that work, the jobs that do it, the report."""
+"""The benchmark: a plan of cells, what a cell computes, the jobs that run them, and the report."""

@@ -1,4 +1,4 @@
-"""From the benchmark's finished cells to the numbers of its report, with their intervals."""
+"""The numbers of the benchmark's report, with their intervals, from its finished cells."""
 
 from __future__ import annotations
 
@@ -15,23 +15,25 @@ import numpy as np
 
 from magwire_env.envs.task import TASKS
 
-from ..evaluation.evaluator import EVALUATION_SEED, Episodes
+from ..catalogue import PAR
+from ..evaluation.episodes import EVALUATION_SEED
+from ..evaluation.evaluator import Episodes
 from ..evaluation.robustness import sweep_scores
 from ..evaluation.statistics import interquartile_mean, interval, median, performance_profile, stratified_bootstrap
-from .plan import FLOORS, PAR, Arena, Cell, Plan, plain_name
+from .plan import Arena, Cell, Plan, plain_name
 
 __all__ = ["TAUS", "collect"]
 
 TAUS = np.concatenate([np.arange(0.0, 0.8, 0.05), np.arange(0.8, 1.0501, 0.01)])
-"""Scores at which performance profiles are drawn."""
+"""Scores τ at which performance profiles are computed."""
 
 _PACKAGES = ("magwire-env", "gymnasium", "numpy", "numba", "scipy", "torch", "stable-baselines3", "sb3-contrib")
 
 
 def collect(plan: Plan, out: Path) -> dict[str, Any]:
-    """All that the report says, in plain numbers of five digits; what does not exist is null.
+    """Everything that the report says, as plain numbers of five digits; a number that does not exist is null.
 
-    Cells that are missing, or were made with other settings, are named under "missing".
+    "missing" lists the cells that are missing or were made with other settings.
     """
     cells = plan.cells()
     records = {cell: plan.record(cell, out) for cell in cells}
@@ -41,7 +43,7 @@ def collect(plan: Plan, out: Path) -> dict[str, Any]:
         arenas.append(entry)
     return _rounded(
         {
-            "made": _made(),
+            "made": _provenance(),
             "work": _work(records),
             "arenas": arenas,
             "overall": _overall(plan, scores),
@@ -56,7 +58,7 @@ def collect(plan: Plan, out: Path) -> dict[str, Any]:
 Records = dict[Cell, dict[str, Any] | None]
 
 
-def _made() -> dict[str, Any]:
+def _provenance() -> dict[str, Any]:
     return {
         "date": datetime.date.today().isoformat(),
         "cpu": _cpu(),
@@ -78,7 +80,7 @@ def _cpu() -> str:
 
 
 def _work(records: Records) -> dict[str, Any]:
-    """Kind of cell → how many are finished, and their seconds of one core together."""
+    """Kind of cell → number of finished cells, and their seconds of one core together."""
     work: dict[str, dict[str, float]] = {}
     for cell, record in records.items():
         if record is not None:
@@ -92,13 +94,13 @@ def _work(records: Records) -> dict[str, Any]:
 
 
 def _arena(plan: Plan, arena: Arena, records: Records) -> tuple[dict[str, Any], dict[str, list[np.ndarray]]]:
-    """An arena's entry, and every policy's scores, one array a training seed."""
+    """An arena's entry, and every policy's scores, one array for each training seed."""
     found = records[plan.par(arena)]
     par = None if found is None else Episodes.from_json(found)
     policies, scores = [], {}
     names: list[tuple[str, str, list[Cell]]] = [(PAR, "par", [plan.par(arena)])]
     for name in plan.controllers(arena):
-        kind = "floor" if name in FLOORS else "controller"
+        kind = "floor" if plan.is_floor(name) else "controller"
         names.append((name, kind, [Cell("evaluate", arena.name, name)]))
     for algorithm, seeds in plan.trained(arena).items():
         names.append((algorithm, "trained", [Cell("evaluate", arena.name, algorithm, c.seed) for c in seeds]))
@@ -106,7 +108,7 @@ def _arena(plan: Plan, arena: Arena, records: Records) -> tuple[dict[str, Any], 
         entry, scores[name] = _policy([records[cell] for cell in cells], par)
         policies.append({"policy": name, "kind": kind, **entry})
     best = max(
-        ((e["score_mean"], e["policy"]) for e in policies if e["kind"] != "par" and _there(e.get("score_mean"))),
+        ((e["score_mean"], e["policy"]) for e in policies if e["kind"] != "par" and _exists(e.get("score_mean"))),
         default=(None, None),
     )
     entry = {
@@ -118,7 +120,7 @@ def _arena(plan: Plan, arena: Arena, records: Records) -> tuple[dict[str, Any], 
     return entry, scores
 
 
-def _there(value: Any) -> bool:
+def _exists(value: Any) -> bool:
     return value is not None and value == value
 
 
@@ -159,7 +161,7 @@ def _finite(values: np.ndarray) -> np.ndarray:
 
 
 def _bracket(par: dict[str, Any] | None) -> dict[str, Any] | None:
-    """Of the episodes that the par finished: mean bounds, s, and the gap, upper / lower − 1."""
+    """Mean bounds, s, and the gap, upper / lower − 1, of the episodes that the par finished."""
     if par is None or par["lower_bound_s"] is None:
         return None
     upper = np.array([np.nan if t is None else t for t in par["episodes"]["time"]])
@@ -178,15 +180,17 @@ def _profile(groups: list[np.ndarray]) -> dict[str, list[float]]:
 
 
 def _overall(plan: Plan, scores: dict[str, dict[str, list[np.ndarray]]]) -> list[dict[str, Any]]:
-    """Interquartile mean of the score over all registered tasks, for policies that play in all; strata are the tasks
-    and their training seeds."""
+    """Interquartile mean of the score over all registered tasks, for the policies that play in all of them.
+
+    Strata are the tasks and their training seeds.
+    """
     tasks = [arena.name for arena in plan.arenas if arena.name in {plain_name(task) for task in TASKS}]
     names = list(dict.fromkeys(name for task in tasks for name in scores[task]))
     rows = []
     for name in names:
         groups = [scores[task].get(name, []) for task in tasks]
         if all(groups):
-            # As many episodes a task: a policy with more training seeds, or an arena with more tracts, weighs no more.
+            # The same number of episodes from every task, so that more training seeds or tracts have no more weight.
             share = min(len(group) for seeds in groups for group in seeds)
             score = interval([group[:share] for seeds in groups for group in seeds], interquartile_mean)
             rows.append({"policy": name, "tasks": len(tasks), "score": score})
@@ -197,7 +201,7 @@ def _overall(plan: Plan, scores: dict[str, dict[str, list[np.ndarray]]]) -> list
 
 
 def _learning(plan: Plan, records: Records) -> list[dict[str, Any]]:
-    """One entry an arena and algorithm: the learning curves' mean and range over the training seeds."""
+    """For each arena and algorithm, the learning curves' mean and range over the training seeds."""
     found = []
     for arena in plan.arenas:
         for algorithm, cells in plan.trained(arena).items():
@@ -213,20 +217,20 @@ def _learning(plan: Plan, records: Records) -> list[dict[str, Any]]:
             }  # fmt: skip
             columns = ("success", "success_rate"), ("time_s", "median_time_s"), ("reward", "mean_reward")
             for name, column in columns:
-                lines = np.array([_on(steps, curve, column) for curve in curves])
+                lines = np.array([_interpolated(steps, curve, column) for curve in curves])
                 entry[name] = _mean_and_range(lines)
             found.append(entry)
     return found
 
 
-def _on(steps: np.ndarray, curve: Sequence[dict[str, str]], column: str) -> np.ndarray:
-    """A curve's column at `steps`, NaN where there is no number yet."""
+def _interpolated(steps: np.ndarray, curve: Sequence[dict[str, str]], column: str) -> np.ndarray:
+    """A curve's column at `steps`; NaN where it has no number yet."""
     own = np.array([float(row["timesteps"]) for row in curve])
     return np.interp(steps, own, [float(row[column] or "nan") for row in curve])
 
 
 def _mean_and_range(lines: np.ndarray) -> dict[str, list[float]]:
-    """Over the rows that have a number; NaN where none has."""
+    """Mean, lowest and highest over the rows that have a number; NaN where no row has one."""
     some = np.isfinite(lines).any(axis=0)
     kept = np.where(np.isfinite(lines).any(axis=0), lines, 0.0)
     return {
@@ -259,7 +263,7 @@ def _robustness(plan: Plan, records: Records) -> list[dict[str, Any]]:
 
 
 def _rounded(value: Any) -> Any:
-    """Plain Python values; five digits, null for what is not a number."""
+    """Plain Python values with five digits; None for a number that is not finite."""
     if isinstance(value, dict):
         return {key: _rounded(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):

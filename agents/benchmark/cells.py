@@ -1,4 +1,4 @@
-"""What each kind of the benchmark's cells computes, and how it is written."""
+"""What each kind of cell computes, and how a cell is written."""
 
 from __future__ import annotations
 
@@ -11,27 +11,28 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-import train
 from magwire_env.envs.core import SteeringCore
 
-from ..controllers import CONTROLLERS
-from ..evaluation.evaluator import EVALUATION_SEED, evaluate, make_batch
+from ..catalogue import PAR, resolve
+from ..evaluation.episodes import EVALUATION_SEED, built
+from ..evaluation.evaluator import evaluate, make_batch
 from ..evaluation.robustness import sweep
-from ..learning.sb3 import load
+from ..learning.config import Config
 from ..learning.training import Run, learn
-from ..par.bound import Fastest
-from .plan import PAR, Cell, Plan
+from ..par.bracket import least_times
+from ..par.starts import Starts
+from .plan import Cell, Plan
 
 __all__ = ["make"]
 
 
 def make(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
-    """Compute a cell and write its record, whole or not at all; returns the record.
+    """Compute a cell and write its record; returns the record. The file is there only when it is complete.
 
-    A policy that refuses its arena with a `ValueError` when it is built leaves a record that says why.
+    If a policy refuses its arena with a `ValueError` when it is built, the record says why.
     """
     started = time.perf_counter()
-    result = _KINDS[cell.kind](plan, cell, out)
+    result = _MAKERS[cell.kind](plan, cell, out)
     record = {"settings": plan.settings(cell), "seconds": time.perf_counter() - started, **result}
     _write(cell.file(out), record)
     return record
@@ -45,7 +46,7 @@ def _write(file: Path, record: dict[str, Any]) -> None:
 
 
 def _train(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
-    """A run folder; one that was interrupted goes on from its last checkpoint, if its settings are still the same."""
+    """Train into a run folder; go on from its last checkpoint if there is one with the same settings."""
     settings, folder = plan.settings(cell), cell.run(out)
     asked = {
         "task": settings["task"], "algorithm": cell.policy, "seed": cell.seed, "scenario": settings["scenario"],
@@ -54,7 +55,7 @@ def _train(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
     resumed = _resumable(folder, settings)
     if not resumed and folder.exists():
         shutil.rmtree(folder)
-    run = Run.open(train.Config(run=folder, resume=resumed, **asked))
+    run = Run.open(Config(run=folder, resume=resumed, **asked))
     if not learn(run):
         raise KeyboardInterrupt
     curve = (folder / "learning_curve.csv").read_text(encoding="utf-8")
@@ -70,26 +71,19 @@ def _resumable(folder: Path, settings: dict[str, Any]) -> bool:
 
 
 def _policy(plan: Plan, cell: Cell, out: Path) -> tuple[Any, dict[str, Any]]:
-    """What makes the cell's policy from an env (or is it), and its env's settings."""
-    env = plan.arena(cell.arena).env
-    training = plan.training_of(cell)
-    if training is None:
-        return CONTROLLERS[cell.policy].from_env, env
-    if plan.record(training, out) is None:
+    """The cell's policy (or what makes it from an env), and its env's settings."""
+    arena, training = plan.arena(cell.arena), plan.training_of(cell)
+    if training is not None and plan.record(training, out) is None:
         raise FileNotFoundError(f"the cell {training.name!r} is not finished: no model to play with")
-    model = load(training.run(out))
-    own = model.meta["env"]
-    if env.get("split") is not None:
-        own = {k: v for k, v in own.items() if k not in ("split", "pool_size")}
-    return model, own | env
+    name = cell.policy if training is None else str(training.run(out))
+    entrant = resolve(name, arena.task, arena.scenario, arena.split)
+    return entrant.policy, entrant.settings
 
 
-def _built(policy: Any, env: gym.Env | gym.vector.VectorEnv) -> tuple[Any, str]:
-    """The policy for an env or batch, or why it cannot serve it."""
-    if hasattr(policy, "predict"):
-        return policy, ""
+def _built_or_refused(policy: Any, env: gym.Env | gym.vector.VectorEnv) -> tuple[Any, str]:
+    """The policy for an env or batch, or why it cannot serve this env."""
     try:
-        return policy(env), ""
+        return built(policy, env), ""
     except ValueError as refusal:
         return None, str(refusal)
 
@@ -98,7 +92,7 @@ def _evaluate(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
     arena = plan.arena(cell.arena)
     policy, settings = _policy(plan, cell, out)
     env = make_batch(arena.task, plan.episodes_of(arena), settings)
-    policy, refusal = _built(policy, env)
+    policy, refusal = _built_or_refused(policy, env)
     if refusal:
         return {"not_applicable": refusal}
     episodes = evaluate(policy, arena.task, env.num_envs, EVALUATION_SEED, cell.policy, env)
@@ -106,41 +100,23 @@ def _evaluate(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
 
 
 def _par(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
-    """The par's episodes, and for each the lower bound of the time, s (none in a tracking task)."""
+    """The par's episodes, and a lower bound of the time for each, s (none in a tracking task)."""
     arena = plan.arena(cell.arena)
     env = make_batch(arena.task, plan.episodes_of(arena), arena.env)
-    episodes = evaluate(CONTROLLERS[PAR].from_env, arena.task, env.num_envs, EVALUATION_SEED, PAR, env)
+    episodes = evaluate(resolve(PAR).policy, arena.task, env.num_envs, EVALUATION_SEED, PAR, env)
     env.reset(seed=EVALUATION_SEED)
     core: SteeringCore = env.unwrapped.core  # type: ignore[attr-defined]
-    return episodes.to_json() | {"lower_bound_s": None if arena.tracking else _least_times(core)}
-
-
-def _least_times(core: SteeringCore) -> list[float]:
-    """No policy reaches the goals of the episodes that have just begun in less, s."""
-    sim, reach = core.sim, core.task.kind == "reach"
-    direction = np.where(core.goal >= sim.tip_arclength, 1, -1)
-    # A target's band is entered at its near edge; of its hold up to a control period is not looked at.
-    edge = core.goal - direction * core.task.tolerance if reach else core.goal
-    held = core.task.hold - sim.control_period if reach else 0.0
-    fastest: dict[tuple[int, int], Fastest] = {}
-    times = []
-    for i, entry in enumerate(sim.lane_scenario):
-        way = int(entry), int(direction[i])
-        if way not in fastest:
-            fastest[way] = Fastest(sim.library.scenarios[entry], way[1])
-        # Of several degrees of freedom the bound takes no account.
-        magnet = float(sim.magnet[i, 0]) if sim.dof == 1 else None
-        times.append(fastest[way].least(float(sim.tip_arclength[i]), float(edge[i]), magnet) + held)
-    return times
+    bound = None if arena.tracking else least_times(Starts.of(core, np.arange(env.num_envs))).tolist()
+    return episodes.to_json() | {"lower_bound_s": bound}
 
 
 def _decide(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
-    """Times of single decisions in one env, ms; the first few, which compile and tabulate, are left out."""
+    """Times of single decisions in one env, ms. The first few are left out, because they compile and tabulate."""
     arena, count = plan.arena(cell.arena), plan.settings(cell)["decisions"]
     settings: dict[str, Any] = arena.env | ({"pool_size": 1} if arena.split is not None else {})
     env = gym.make(arena.task, **settings)
     observation, _ = env.reset(seed=EVALUATION_SEED)
-    policy, refusal = _built(CONTROLLERS[cell.policy].from_env, env)
+    policy, refusal = _built_or_refused(resolve(cell.policy).policy, env)
     if refusal:
         return {"not_applicable": refusal}
     state, start, times = None, np.ones(1, dtype=np.bool_), []
@@ -157,6 +133,7 @@ def _decide(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
 
 
 _UNCOUNTED = 5
+"""Number of first decisions that are not timed."""
 
 
 def _robustness(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
@@ -166,4 +143,4 @@ def _robustness(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
     return {"disturbed": {name: episodes.to_json() for name, episodes in found.items()}}
 
 
-_KINDS = {"train": _train, "evaluate": _evaluate, "par": _par, "decide": _decide, "robustness": _robustness}
+_MAKERS = {"train": _train, "evaluate": _evaluate, "par": _par, "decide": _decide, "robustness": _robustness}

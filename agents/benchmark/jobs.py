@@ -1,4 +1,4 @@
-"""Runs the benchmark's cells: in worker processes, each on a core of its own, whatever of them may fail."""
+"""Runs the benchmark's cells in worker processes, each on a core of its own; a failed cell does not stop the others."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ __all__ = ["Job", "jobs_of", "run_cells", "selected"]
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _PATIENCE = 30.0
-"""s for workers to save what they have after Ctrl-C."""
+"""Time for workers to save their results after Ctrl-C, s."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """Cells that one process makes one after the other, once all of `needs` have been tried."""
+    """Cells that one process makes one after the other, when all cells of `needs` have been tried."""
 
     cells: tuple[Cell, ...]
     needs: frozenset[Cell]
 
 
 def selected(cells: Sequence[Cell], only: Sequence[str]) -> list[Cell]:
-    """Cells whose name has one of the patterns `only` in it (shell's: * and ?); all without a pattern."""
+    """The cells whose name contains one of the patterns `only` (with * and ? as in a shell); all without a pattern."""
     if not only:
         return list(cells)
     kept = [cell for cell in cells if any(fnmatch.fnmatch(cell.name, f"*{pattern}*") for pattern in only)]
@@ -43,7 +43,7 @@ def selected(cells: Sequence[Cell], only: Sequence[str]) -> list[Cell]:
 
 
 def jobs_of(plan: Plan, cells: Sequence[Cell]) -> list[Job]:
-    """Long cells alone; the seeds of a training, and an arena's short cells, together: they share a pool of tracts."""
+    """A job for each long cell; one for the seeds of a training, and for an arena's short cells, which share a pool."""
     together: dict[tuple[str, ...], list[Cell]] = {}
     jobs, asked = [], set(cells)
 
@@ -52,18 +52,18 @@ def jobs_of(plan: Plan, cells: Sequence[Cell]) -> list[Job]:
         return Job(tuple(some), frozenset(needs & asked))
 
     for cell in cells:
-        if cell.kind in ("par", "robustness") or cell.policy == "MPPI":
+        if cell.kind in ("par", "robustness") or plan.plans_online(cell.policy):
             jobs.append(job([cell]))
         else:
             own = ("train", cell.policy) if cell.kind == "train" else ()
             together.setdefault((cell.arena, *own), []).append(cell)
-    # Trainings first: most of the rest waits for them.
+    # Trainings first, because most other cells wait for them.
     found = [*jobs, *(job(some) for some in together.values())]
     return sorted(found, key=lambda one: one.cells[0].kind != "train")
 
 
 def run_cells(plan: Plan, cells: Sequence[Cell], out: Path, workers: int) -> list[Cell]:
-    """Make `cells` in `workers` processes; returns those that failed, each with its traceback in its log."""
+    """Make `cells` in `workers` processes; returns the cells that failed. The log of such a cell has its traceback."""
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
     waiting = jobs_of(plan, cells)
@@ -98,7 +98,7 @@ def run_cells(plan: Plan, cells: Sequence[Cell], out: Path, workers: int) -> lis
 
 
 def _failures(plan: Plan, job: Job, out: Path, status: int | None, started: float) -> list[Cell]:
-    """The job's cells without a record of now; a process that died unheard leaves a word in their logs."""
+    """The job's cells that have no new record. If their process died, their logs get a line that says so."""
     failed = []
     for cell in job.cells:
         file = cell.file(out)
@@ -118,7 +118,7 @@ def _opened(path: Path) -> TextIO:
 
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
-    """What is started within has one thread a library; they read this when they are imported."""
+    """Processes that are started within use one thread for each library; libraries read this when they are imported."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:
@@ -132,7 +132,7 @@ def _one_thread() -> Iterator[None]:
 
 
 def _work(plan: Plan, cells: Sequence[Cell], out: Path, slot: int, workers: int) -> None:
-    """A worker process: its cells in turn, what they print in their logs, one line each for the person waiting."""
+    """A worker process: it makes its cells in turn, logs what they print, and prints a line for each."""
     _take_core(slot, workers)
     from .cells import make
 
@@ -158,7 +158,7 @@ def _work(plan: Plan, cells: Sequence[Cell], out: Path, slot: int, workers: int)
 
 
 def _take_core(slot: int, workers: int) -> None:
-    """The simulator shares large batches out over all cores the process may use: here one."""
+    """Bind the process to one core; the simulator would share large batches out over all cores that it may use."""
     if hasattr(os, "sched_setaffinity"):
         cores = sorted(os.sched_getaffinity(0))
         if workers <= len(cores):

@@ -1,7 +1,7 @@
-"""The benchmark's plan: which policies meet in which arenas, and the cells of work that this comes to.
+"""The benchmark's plan: which policies meet in which arenas, and the cells of work that follow from it.
 
-Every cell is one file under the output folder, made once; it records the settings it was made with, and is made again
-when they differ. `cells` says what a cell computes, `jobs` runs them, `aggregates` sums them up.
+A cell is one file under the output folder. It records the settings that it was made with, and is made again when they
+differ. `cells` says what a cell computes, `jobs` runs the cells, `aggregates` sums them up.
 """
 
 from __future__ import annotations
@@ -13,46 +13,41 @@ from pathlib import Path
 from typing import Any
 
 from magwire_env.envs.task import TASKS, Task
+from magwire_env.physics.checks import whole
 
-from ..controllers import CONTROLLERS
-from ..evaluation.evaluator import EVALUATION_SEED
+from ..catalogue import CONTROLLERS, FLOORS, PAR, REFERENCE, controller
+from ..evaluation.episodes import EVALUATION_SEED
 from ..evaluation.robustness import DISTURBANCES
 from ..learning.sb3 import hyperparameters
 
-__all__ = ["ARENAS", "FLOORS", "HARD", "LEARNERS", "PAR", "Arena", "Cell", "Learner", "Plan", "plain_name"]
+__all__ = ["ARENAS", "HARD", "LEARNERS", "Arena", "Cell", "Learner", "Plan", "plain_name"]
 
 HARD = "hard"
 """Name of the shipped scenario that is solvable with a small margin."""
 
-PAR = "Optimal"
-"""The controller that every score is measured by."""
-
-FLOORS = ("ConstantRotation", "Random")
-"""Controllers that see nothing."""
-
-DECIDERS = ("MPPI",)
-"""Controllers that plan online, whose time for one decision is measured."""
-
 ROBUSTNESS = {
-    "Steer": ("MaxForce", "NetForce", "MPPI", "ExtremumSeeking", "ppo"),
+    "Steer": (REFERENCE, "NetForce", "MPPI", "ExtremumSeeking", "ppo"),
     "SteerAny": ("NetForce", "ppo"),
 }
-"""Arena → policies of the robustness sweep; of a trained one its first seed."""
+"""Arena → policies of the robustness sweep; a trained policy takes part with its first seed."""
 
 ROBUSTNESS_EPISODES = 50
+"""Number of episodes for each disturbance."""
+
 DECISIONS = 100
+"""Number of decisions that are timed, of controllers that plan online."""
 
 
 @dataclass(frozen=True)
 class Arena:
     """Where policies are compared.
 
-    split : of a generated task's tracts; the first `episodes` of them are ridden once each
-    scenario : shipped name in place of the task's
-    episodes : evaluation's seeds
-    controllers : those that play here; by default all there are
-    models : the arena that the trained policies played here were trained for; by default this one
-    par : the arena of the same episodes whose par counts here; by default this one
+    split : of a generated task's tracts; each of the first `episodes` tracts is used once
+    scenario : shipped name, in place of the task's
+    episodes : number of evaluation seeds
+    controllers : names of those that play here; by default all
+    models : name of the arena for which the trained policies of this arena were trained; by default this one
+    par : name of the arena with the same episodes whose par counts here; by default this one
     """
 
     name: str
@@ -71,12 +66,12 @@ class Arena:
 
     @property
     def tracking(self) -> bool:
-        return TASKS[self.task].kind == "track"
+        return TASKS[self.task].kind.follows
 
 
 @dataclass(frozen=True)
 class Learner:
-    """A learning algorithm, the arenas it is trained for, and how many seeds of it."""
+    """A learning algorithm, the arenas that it is trained for, and the number of training seeds."""
 
     algorithm: str
     arenas: tuple[str, ...]
@@ -88,7 +83,8 @@ def plain_name(task: str) -> str:
     return task.rpartition("/")[2].rpartition("-v")[0]
 
 
-def _own(task: Task) -> Arena:
+def _arena_of(task: Task) -> Arena:
+    """The arena of a registered task."""
     name = plain_name(task.id)
     if task.pool is None:
         return Arena(name, task.id)
@@ -96,7 +92,7 @@ def _own(task: Task) -> Arena:
 
 
 ARENAS: tuple[Arena, ...] = (
-    *map(_own, TASKS.values()),
+    *map(_arena_of, TASKS.values()),
     Arena("SteerAny ood", "MagWire/SteerAny-v0", split="ood", models="SteerAny", episodes=100),
     Arena("Chase ood", "MagWire/Chase-v0", split="ood", models="Chase"),
     Arena("Hard", "MagWire/Steer-v0", scenario=HARD),
@@ -105,7 +101,7 @@ ARENAS: tuple[Arena, ...] = (
         controllers=("ExtremumSeeking", *FLOORS), par="SteerAny",
     ),
 )  # fmt: skip
-"""Every registered task, then its variants."""
+"""An arena for every registered task, then variants."""
 
 _FORCE_ONLY = ("SteerAny force only",)
 
@@ -120,7 +116,7 @@ LEARNERS: tuple[Learner, ...] = (
 
 @dataclass(frozen=True)
 class Cell:
-    """One piece of work and the file it leaves.
+    """One piece of work, and the file with its result.
 
     kind : "train", "evaluate", "par", "decide" or "robustness"
     seed : training seed of a trained policy; None for a controller
@@ -137,8 +133,8 @@ class Cell:
 
     @property
     def stem(self) -> str:
-        words = [self.arena.replace(" ", "_"), self.policy] + ([] if self.seed is None else [f"seed{self.seed}"])
-        return "-".join(words)
+        words = [self.arena.replace(" ", "_"), self.policy.replace(":", ".")]
+        return "-".join(words if self.seed is None else [*words, f"seed{self.seed}"])
 
     def file(self, out: Path) -> Path:
         """The record."""
@@ -149,7 +145,7 @@ class Cell:
         return out / "runs" / self.stem
 
     def log(self, out: Path) -> Path:
-        """What was printed while it was made, and why it failed."""
+        """What the cell printed while it was made, and its traceback if it failed."""
         return out / "logs" / f"{self.kind}-{self.stem}.log"
 
 
@@ -157,21 +153,25 @@ class Cell:
 class Plan:
     """All cells, and what they are made with.
 
-    episodes, timesteps, seeds : at most so many, in place of the arenas' and learners' own; for trying out
+    extra : further controllers, as ``module:Class``, that play in every arena open to all
+    episodes, timesteps, seeds : upper limits on the arenas' and learners' own numbers, to try things out
     """
 
     arenas: tuple[Arena, ...] = ARENAS
     learners: tuple[Learner, ...] = LEARNERS
     robustness: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: ROBUSTNESS)
+    extra: tuple[str, ...] = ()
     episodes: int | None = None
     timesteps: int | None = None
     seeds: int | None = None
 
     def __post_init__(self) -> None:
         for name in ("episodes", "timesteps", "seeds"):
-            value = getattr(self, name)
-            if value is not None and value < 1:
-                raise ValueError(f"{name} must be at least 1, got {value}")
+            if getattr(self, name) is not None:
+                whole(name, getattr(self, name), 1)
+        for name in self.extra:
+            if controller(name) is None:
+                raise ValueError(f"controllers must be classes given as module:Class, got {name!r}")
 
     def arena(self, name: str) -> Arena:
         """The arena of this name."""
@@ -181,11 +181,21 @@ class Plan:
         return min(arena.episodes, self.episodes or arena.episodes)
 
     def controllers(self, arena: Arena) -> list[str]:
-        """Names of the controllers that play in an arena, the par's not among them."""
-        return [name for name in CONTROLLERS if name != PAR and name in (arena.controllers or CONTROLLERS)]
+        """Names of the controllers that play in an arena, without the par."""
+        if arena.controllers is not None:
+            return [name for name in CONTROLLERS if name in arena.controllers]
+        return [name for name in dict.fromkeys((*CONTROLLERS, *self.extra)) if name != PAR]
+
+    def plans_online(self, policy: str) -> bool:
+        """The policy is a controller that runs the simulator for every decision."""
+        return bool(getattr(controller(policy), "plans_online", False))
+
+    def is_floor(self, policy: str) -> bool:
+        """The policy is a controller that sees nothing."""
+        return bool(getattr(controller(policy), "sees_nothing", False))
 
     def trained(self, arena: Arena) -> dict[str, list[Cell]]:
-        """Algorithm → the training cells, one a seed, whose models play in an arena."""
+        """Algorithm → the training cells, one for each seed, whose models play in an arena."""
         home = arena.models or arena.name
         return {
             learner.algorithm: [
@@ -197,11 +207,11 @@ class Plan:
         }
 
     def par(self, arena: Arena) -> Cell:
-        """The cell of the par that counts in an arena."""
+        """The cell whose par counts in an arena."""
         return Cell("par", arena.par or arena.name, PAR)
 
     def cells(self) -> list[Cell]:
-        """Every cell, what others need before them."""
+        """All cells; a cell comes after those that it needs."""
         cells: list[Cell] = []
         for arena in self.arenas:
             cells += [cell for seeds in self.trained(arena).values() for cell in seeds]
@@ -213,19 +223,21 @@ class Plan:
             for name in self.robustness.get(arena.name, ()):
                 if name in CONTROLLERS or name in self.trained(arena):
                     cells.append(Cell("robustness", arena.name, name, None if name in CONTROLLERS else 0))
-        for arena in map(_own, TASKS.values()):
+        for arena in map(_arena_of, TASKS.values()):
             if any(a.name == arena.name for a in self.arenas):
-                cells += [Cell("decide", arena.name, name) for name in DECIDERS if name in CONTROLLERS]
+                cells += [
+                    Cell("decide", arena.name, name) for name in self.controllers(arena) if self.plans_online(name)
+                ]
         return list(dict.fromkeys(cells))
 
     def training_of(self, cell: Cell) -> Cell | None:
-        """The cell that trains the policy of this one; None for a controller's and for a training cell."""
+        """The cell that trains this cell's policy; None for a controller's cell and for a training cell."""
         if cell.kind == "train" or cell.seed is None:
             return None
         return Cell("train", self.arena(cell.arena).models or cell.arena, cell.policy, cell.seed)
 
     def settings(self, cell: Cell) -> dict[str, Any]:
-        """All that a cell's result depends on, but the code."""
+        """Everything that a cell's result depends on, except the code."""
         arena = self.arena(cell.arena)
         if cell.kind == "train":
             found = hyperparameters(cell.policy, arena.task)
@@ -246,7 +258,7 @@ class Plan:
         return settings
 
     def record(self, cell: Cell, out: Path) -> dict[str, Any] | None:
-        """The finished cell's record; None if it is missing or was made with other settings."""
+        """The record of a finished cell; None if there is none, or one that was made with other settings."""
         file = cell.file(out)
         if not file.exists():
             return None

@@ -1,4 +1,4 @@
-"""The benchmark's plots, drawn from the report's numbers alone."""
+"""The plots of the benchmark, drawn only from the numbers of the report."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from magwire_env.figures.page import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, blank, styled
+from magwire_env.plotting import BLACK, BLUE, BROWN, GREEN, GREY, ORANGE, PURPLE, RED, SKY, blank, styled
 
 from ..evaluation.robustness import heat_map
 from .aggregates import TAUS
@@ -16,10 +16,9 @@ from .aggregates import TAUS
 __all__ = ["DIGEST", "draw", "heat_map_name"]
 
 DIGEST = "Source"
-"""The PNG text that holds the SHA-256 of the JSON a plot was drawn from."""
+"""Name of the PNG text with the SHA-256 of the JSON that a plot was drawn from."""
 
 # Classical controllers solid, learners dashed, floors dotted.
-_SKY, _BROWN = "#56B4E9", "#8C510A"
 _STYLES: dict[str, tuple[str, str]] = {
     "Optimal": (BLACK, "-"),
     "MaxForce": (BLUE, "-"),
@@ -31,17 +30,17 @@ _STYLES: dict[str, tuple[str, str]] = {
     "sac": (BLUE, "--"),
     "tqc": (GREEN, "--"),
     "crossq": (PURPLE, "--"),
-    "stacked_ppo": (_BROWN, "--"),
+    "stacked_ppo": (BROWN, "--"),
     "ConstantRotation": (GREY, ":"),
-    "Random": (_SKY, ":"),
+    "Random": (SKY, ":"),
 }
 _MARKERS = {"-": "o", "--": "s", ":": "x"}
 _RELIABLE, _SHOWN = 0.9, 0.5
-"""Success from which on a policy counts for the Pareto front, and from which on it is drawn beside it."""
+"""Least success of a policy that counts for the Pareto front, and of one that is drawn beside it."""
 
 
 def draw(data: dict[str, Any], folder: Path, digest: str) -> list[Path]:
-    """Write all plots that `data` has numbers for; returns the files."""
+    """Write every plot for which `data` has numbers; returns the files."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     with styled():
@@ -62,7 +61,8 @@ def heat_map_name(entry: dict[str, Any]) -> str:
 
 
 def _style(name: str) -> tuple[str, str]:
-    return _STYLES.get(name, (_BROWN, "-."))
+    """Colour and line of a policy; one that is not listed has a style of its own."""
+    return _STYLES.get(name, (BROWN, "-."))
 
 
 def _grid(count: int, height: float) -> tuple[Any, list[Any]]:
@@ -86,7 +86,7 @@ def _legend(figure: Any, panels: Iterable[Any]) -> None:
 
 
 def _profiles(data: dict[str, Any]) -> Any:
-    """Share of the runs whose score is greater than τ, a panel an arena."""
+    """Share of the runs whose score is greater than τ, one panel for each arena."""
     arenas = [arena for arena in data["arenas"] if arena["profiles"]]
     if not arenas:
         return None
@@ -105,7 +105,7 @@ def _profiles(data: dict[str, Any]) -> Any:
 
 
 def _pareto(data: dict[str, Any]) -> Any:
-    """Median time against median peak wall force; hollow what reaches the goal too rarely to count for the front."""
+    """Median time against median peak wall force; a policy that is too unreliable for the front is hollow."""
     arenas = [a for a in data["arenas"] if not a["tracking"] and any(_time(p) is not None for p in a["policies"])]
     if not arenas:
         return None
@@ -138,7 +138,7 @@ def _time(entry: dict[str, Any]) -> float | None:
 
 
 def _front(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Those no other one beats in both, from the fastest to the gentlest."""
+    """The points that no other point beats in both, from the fastest to the gentlest."""
     kept: list[tuple[float, float]] = []
     for time, force in sorted(points):
         if not kept or force < kept[-1][1]:
@@ -147,7 +147,7 @@ def _front(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 def _learning(data: dict[str, Any]) -> Any:
-    """Success and median time (on a tracking task the reward) over the steps, mean and range of the training seeds."""
+    """Success and median time (reward in a tracking task) over the steps: mean and range of the training seeds."""
     entries = data["learning"]
     if not entries:
         return None
@@ -169,7 +169,7 @@ def _learning(data: dict[str, Any]) -> Any:
 
 
 def _curves(pair: Any, entries: list[dict[str, Any]], first: bool) -> None:
-    """One arena's curves; `first` in its row."""
+    """Draw one arena's curves; the `first` of a row has labels."""
     tracking = entries[0]["tracking"]
     for entry in entries:
         colour, line = _style(entry["algorithm"])

@@ -1,4 +1,4 @@
-"""The benchmark's report: a JSON of aggregates, and from it alone the page, the README's table and the plots."""
+"""The benchmark's report: a JSON of aggregates, and the page, the README's table and the plots, made only from it."""
 
 from __future__ import annotations
 
@@ -8,21 +8,25 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from .plan import plain_name
 from .plots import draw, heat_map_name
 
 __all__ = ["MARKS", "insert", "markdown", "readme_table", "text_of", "write"]
 
 MARKS = ("<!-- benchmark:begin -->", "<!-- benchmark:end -->")
-"""Between these lines of the README stands its table."""
+"""The README's table is between these two lines."""
+
+README_POLICIES = ("Optimal", "MPPI", "MaxForce", "ppo", "Random")
+"""The README shows these rows, on the registered tasks' own episodes; docs/benchmark.md has every policy and arena."""
 
 _NONE = "–"
-_KINDS = {"par": "par", "controller": "", "floor": "floor", "trained": "trained"}
+_LABELS = {"par": "par", "controller": "", "floor": "floor", "trained": "trained"}
 
 
 def write(data: dict[str, Any], docs: Path, readme: Path | None = None) -> list[Path]:
     """Write benchmark.json, benchmark.md and figures/*.png under `docs`, and the README's table; returns the files.
 
-    Each plot carries the JSON's SHA-256, so that a plot of other numbers can be told.
+    Each plot carries the SHA-256 of the JSON, so that a plot of other numbers is noticed.
     """
     text = text_of(data)
     data = json.loads(text)
@@ -38,7 +42,7 @@ def write(data: dict[str, Any], docs: Path, readme: Path | None = None) -> list[
 
 
 def text_of(data: dict[str, Any]) -> str:
-    """The JSON file's text: one line an entry of the top level's lists, so that it can be compared by eye."""
+    """The text of the JSON file, with one line for each entry of a top-level list, so that versions can be compared."""
     parts = []
     for key, value in data.items():
         if isinstance(value, list) and value:
@@ -54,7 +58,7 @@ def _compact(value: Any) -> str:
 
 
 def insert(text: str, table: str) -> str:
-    """`text` with `table` between its `MARKS`. Raises `ValueError` if it does not have each of them once, in order."""
+    """`text` with `table` between its `MARKS`. Raises `ValueError` if it does not have each mark once, in order."""
     if any(text.count(mark) != 1 for mark in MARKS) or text.index(MARKS[0]) > text.index(MARKS[1]):
         raise ValueError(f"README must hold the lines {MARKS[0]!r} and {MARKS[1]!r} once each, in this order")
     before, _, rest = text.partition(MARKS[0])
@@ -62,19 +66,22 @@ def insert(text: str, table: str) -> str:
 
 
 def readme_table(data: dict[str, Any]) -> str:
-    """Success and score of every policy in every arena."""
-    arenas = data["arenas"]
+    """Success and score of the `README_POLICIES` in the arenas that are a registered task as it is.
+
+    A policy that no arena has is left out.
+    """
+    arenas = [arena for arena in data["arenas"] if arena["name"] == plain_name(arena["task"])]
     entries = [entry for arena in arenas for entry in arena["policies"]]
-    names = list(dict.fromkeys(entry["policy"] for kind in _KINDS for entry in entries if entry["kind"] == kind))
+    names = [name for name in README_POLICIES if any(entry["policy"] == name for entry in entries)]
     rows = []
     for name in names:
         own = [next((p for p in arena["policies"] if p["policy"] == name), None) for arena in arenas]
         kind = next(entry["kind"] for entry in own if entry is not None)
-        rows.append([_label(name, kind), *(_short(entry) for entry in own)])
+        rows.append([_label(name, kind), *(_success_and_score(entry) for entry in own)])
     return _table(["policy", *(arena["name"] for arena in arenas)], rows)
 
 
-def _short(entry: dict[str, Any] | None) -> str:
+def _success_and_score(entry: dict[str, Any] | None) -> str:
     if entry is None or entry["state"] == "not applicable":
         return _NONE
     if entry["state"] == "missing":
@@ -86,7 +93,7 @@ def _short(entry: dict[str, Any] | None) -> str:
 def markdown(data: dict[str, Any]) -> str:
     """The whole page."""
     parts = [_head(data), _overall(data), *(_arena(arena) for arena in data["arenas"])]
-    parts += [_learning(data), _decisions(data), _robustness(data), _made(data)]
+    parts += [_learning(data), _decisions(data), _robustness(data), _provenance(data)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -153,7 +160,7 @@ def _arena(arena: dict[str, Any]) -> str:
 
 
 def _label(name: str, kind: str) -> str:
-    return name + (f" *({_KINDS[kind]})*" if _KINDS[kind] else "")
+    return name + (f" *({_LABELS[kind]})*" if _LABELS[kind] else "")
 
 
 def _row(entry: dict[str, Any], tracking: bool) -> list[str]:
@@ -199,7 +206,8 @@ def _learning(data: dict[str, Any]) -> str:
         rows.append(
             [entry["arena"], entry["algorithm"], str(entry["seeds"]), f"{entry['steps'][-1] / 1e6:.2f}",
              f"{sum(seconds) / len(seconds):.0f}" if seconds else _NONE,
-             _span(entry["success"], lambda x: f"{100 * x:.0f}"), _span(entry["time_s"], lambda x: f"{x:.2f}")]
+             _mean_and_range(entry["success"], lambda x: f"{100 * x:.0f}"),
+             _mean_and_range(entry["time_s"], lambda x: f"{x:.2f}")]
         )  # fmt: skip
     head = ["arena", "algorithm", "seeds", "steps [millions]", "training [s]", "success at the end [%]"]
     table = _table([*head, "median time at the end [s]"], rows)
@@ -210,7 +218,7 @@ def _learning(data: dict[str, Any]) -> str:
     )
 
 
-def _span(of: dict[str, list[float | None]], form: Any) -> str:
+def _mean_and_range(of: dict[str, list[float | None]], form: Any) -> str:
     mean, low, high = of["mean"][-1], of["low"][-1], of["high"][-1]
     return _NONE if mean is None else f"{form(mean)} ({form(low)}–{form(high)})"
 
@@ -253,7 +261,7 @@ def _of_sweep(row: dict[str, Any]) -> str:
     return f"{_percent(row['success'])} · " + (_NONE if row["score"] is None else f"{row['score']:.2f}")
 
 
-def _made(data: dict[str, Any]) -> str:
+def _provenance(data: dict[str, Any]) -> str:
     made = data["made"]
     versions = ", ".join(f"{name} {number}" for name, number in made["versions"].items())
     rows = [
@@ -273,7 +281,7 @@ def _between(values: Sequence[float | None], digits: int) -> str:
 
 
 def _percent(share: float) -> str:
-    """Whole percents, but never 100 % (or 0 %) for what is less (or more)."""
+    """Whole percents; but 100 % only for all, and 0 % only for none."""
     text = f"{100 * share:.0f}"
     if (text == "100" and share < 1.0) or (text == "0" and share > 0.0):
         text = f"{100 * share:.1f}" if f"{100 * share:.1f}" not in ("100.0", "0.0") else f"{100 * share:.2f}"

@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import reduce
+from operator import or_
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-import train
 from agents.cli import view as view_cli
-from train import BAD_INPUT
+from agents.cli.train import train
+from agents.learning.config import BAD_INPUT, Algorithm, Config
+from magwire_env.physics.checks import whole
+
+if TYPE_CHECKING:
+    from agents.catalogue import Entrant
 
 __all__ = ["main"]
 
 
 @dataclass
-class Train(train.Config):
+class Train(Config):
     """Train a policy; the same as `python train.py`."""
 
 
@@ -27,7 +34,7 @@ class Evaluate:
     """Evaluate a trained model or a controller over a fixed list of episode seeds."""
 
     policy: tyro.conf.Positional[str]
-    """A run or model folder, or a controller's name, such as MaxForce."""
+    """A run or model folder, a controller's name, such as MaxForce, or module:Class for one of your own."""
     task: str | None = None
     """Environment id; by default the model's own task, or MagWire/Steer-v0."""
     episodes: int = 200
@@ -35,9 +42,9 @@ class Evaluate:
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     split: Literal["train", "test", "ood"] = "test"
-    """Tracts of a generated task's episodes: the first ones of the split, each ridden once."""
+    """Split of a generated task's tracts; the first ones are used, each once."""
     par: bool = True
-    """Score against Optimal on the same starts, which takes minutes the first time."""
+    """Score against Optimal on the same starts; the first time, this takes minutes."""
     out: Path | None = None
     """Write the summary and every episode here as JSON."""
 
@@ -47,7 +54,7 @@ class Robustness:
     """Sweep friction, remanence, the magnet's place, force noise and delay; write a heat map and its numbers."""
 
     policy: tyro.conf.Positional[str]
-    """A run or model folder, or a controller's name."""
+    """A run or model folder, a controller's name, or module:Class."""
     task: str | None = None
     """Environment id; by default the model's own task, or MagWire/Steer-v0."""
     episodes: int = 50
@@ -55,119 +62,104 @@ class Robustness:
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     split: Literal["train", "test", "ood"] = "test"
-    """Tracts of a generated task's episodes."""
+    """Split of a generated task's tracts."""
     par: bool = True
-    """Score against Optimal, undisturbed; else against the policy itself, undisturbed."""
+    """Score against Optimal without disturbance; otherwise against the policy itself without disturbance."""
     out: Path = Path("robustness")
     """Folder to write to."""
 
 
 @dataclass
 class Benchmark:
-    """Train and evaluate everything everywhere, and write the report; goes on where it stopped."""
+    """Train and evaluate every policy in every arena, and write the report; goes on where it stopped."""
 
     out: Path = Path("runs/benchmark")
     """Folder of the finished cells."""
     workers: int = 2
     """Processes at a time, one core each."""
     only: tuple[str, ...] = ()
-    """Only cells whose name has one of these patterns in it, such as "evaluate Steer MPPI" or "train*ppo"."""
+    """Only cells whose name contains one of these patterns, such as "evaluate Steer MPPI" or "train*ppo"."""
+    controllers: tuple[str, ...] = ()
+    """Controllers of your own that take part, as module:Class."""
     again: bool = False
-    """Make cells anew that are finished; for those of --only."""
+    """Make finished cells again; with --only, those."""
     dry_run: bool = False
-    """List the cells with their state, and make none."""
+    """Only list the cells with their state."""
     report_only: bool = False
-    """Write the report from the finished cells, and make none."""
+    """Only write the report, from the finished cells."""
     docs: Path | None = None
-    """Folder for benchmark.md, benchmark.json and figures/; by default the one of the cells. The repository's: docs."""
+    """Folder for benchmark.md, benchmark.json and figures/; by default that of the cells. The repository's is docs."""
     readme: Path | None = None
-    """A README to write the main table into."""
+    """A README whose main table is replaced."""
     episodes: int | None = None
-    """At most so many episodes an evaluation, to try things out."""
+    """At most so many episodes in an evaluation, to try things out."""
     timesteps: int | None = None
-    """At most so many steps a training, to try things out."""
+    """At most so many steps in a training, to try things out."""
     seeds: int | None = None
     """At most so many training seeds, to try things out."""
 
 
 def evaluate(options: Evaluate) -> None:
-    """Print a table with the policy beside MaxForce (and the par), and write JSON where asked."""
-    from agents.controllers import CONTROLLERS
+    """Print a table with the policy beside MaxForce and the par, and write JSON if a file is given."""
+    from agents.catalogue import CONTROLLERS, REFERENCE
     from agents.evaluation.evaluator import evaluate, table
 
-    asked, name, task, settings, plain = _chosen(options)
-    rows = [evaluate(asked, task, options.episodes, name=name, **settings)]
-    for other in ("MaxForce", *_par(options)):
-        if name != other:
-            rows.append(evaluate(CONTROLLERS[other].from_env, task, options.episodes, name=other, **plain))
-    par = next((row for row in rows if row.policy in _par(options)), None)
+    own = _entrant(options)
+    rows = [evaluate(own.policy, own.task, options.episodes, name=own.name, **own.settings)]
+    for name in (REFERENCE, *_rivals(options)):
+        if own.name != name:
+            policy = CONTROLLERS[name].from_env
+            rows.append(evaluate(policy, own.task, options.episodes, name=name, **own.same_episodes))
+    par = next((row for row in rows if row.policy in _rivals(options)), None)
     if options.out is not None:
         options.out.write_text(json.dumps({r.policy: r.to_json(par) for r in rows}, indent=2), encoding="utf-8")
     print(table(rows, par=par))
 
 
-def _par(options: Evaluate | Robustness) -> tuple[str, ...]:
-    """The par's name, if it is asked for and there is one."""
-    from agents.controllers import CONTROLLERS
+def _rivals(options: Evaluate | Robustness) -> tuple[str, ...]:
+    """The par's name, if the par is wanted."""
+    from agents.catalogue import PAR
 
-    return ("Optimal",) if options.par and "Optimal" in CONTROLLERS else ()
+    return (PAR,) if options.par else ()
 
 
-def _chosen(options: Evaluate | Robustness) -> tuple[Any, str, str, dict[str, Any], dict[str, Any]]:
-    """Policy (or what makes one), its name, task, its env's settings, and those of the other policies' env."""
-    from agents.controllers import CONTROLLERS
-    from agents.learning.sb3 import load
-    from magwire_env.envs.task import TASKS
+def _entrant(options: Evaluate | Robustness) -> Entrant:
+    from agents.catalogue import resolve
 
-    if options.episodes < 1:
-        raise ValueError(f"episodes must be at least 1, got {options.episodes}")
-    task, policy, own = options.task, Path(options.policy), dict[str, Any]()
-    asked: Any
-    if options.policy in CONTROLLERS:
-        asked, name = CONTROLLERS[options.policy].from_env, options.policy
-    elif policy.is_dir():
-        asked, name = load(policy), policy.name
-        task, own = task or asked.meta["task"], dict(asked.meta.get("env", {}))
-    else:
-        raise ValueError(f"policy must be a model folder or one of {', '.join(CONTROLLERS)}; got {options.policy!r}")
-    task = task or "MagWire/Steer-v0"
-    if options.scenario is not None:
-        own["scenario"] = options.scenario
-    elif task in TASKS and TASKS[task].pool is not None and "scenario" not in own:
-        own["split"] = options.split
-    plain: dict[str, Any] = {key: value for key, value in own.items() if key in ("scenario", "split")}
-    return asked, name, task, own, plain
+    whole("episodes", options.episodes, 1)
+    return resolve(options.policy, options.task, options.scenario, options.split)
 
 
 def robustness(options: Robustness) -> None:
-    """Write the heat map and its JSON, and print their names."""
-    from agents.controllers import CONTROLLERS
+    """Write the heat map and its JSON, and print the names of the files."""
+    from agents.catalogue import CONTROLLERS
     from agents.evaluation.evaluator import evaluate
     from agents.evaluation.robustness import heat_map, sweep, sweep_scores
 
-    asked, name, task, settings, plain = _chosen(options)
-    found = sweep(asked, task, options.episodes, name, **settings)
+    own = _entrant(options)
+    found = sweep(own.policy, own.task, options.episodes, own.name, **own.settings)
     par = None
-    for other in _par(options):
-        par = evaluate(CONTROLLERS[other].from_env, task, options.episodes, name=other, **plain)
+    for name in _rivals(options):
+        policy = CONTROLLERS[name].from_env
+        par = evaluate(policy, own.task, options.episodes, name=name, **own.same_episodes)
     rows = sweep_scores(found, par)
     against = "itself undisturbed" if par is None else par.policy
-    title = f"{name} on {task}, {options.episodes} episodes a cell, score against {against}"
-    picture = heat_map(rows, title, options.out / f"{name}.png", label="score")
-    data = {"policy": name, "task": task, "episodes": options.episodes, "against": against, "rows": rows}
+    title = f"{own.name} on {own.task}, {options.episodes} episodes a cell, score against {against}"
+    picture = heat_map(rows, title, options.out / f"{own.name}.png", label="score")
+    data = {"policy": own.name, "task": own.task, "episodes": options.episodes, "against": against, "rows": rows}
     numbers = picture.with_suffix(".json")
     numbers.write_text(json.dumps(data, indent=2), encoding="utf-8")
     print(picture, numbers, sep="\n")
 
 
 def benchmark(options: Benchmark) -> None:
-    """Make what is missing, write the report; status 1 if a cell failed."""
+    """Make the missing cells and write the report; status 1 if a cell failed."""
     from agents.benchmark.aggregates import collect
     from agents.benchmark.jobs import run_cells, selected
     from agents.benchmark.plan import Plan
     from agents.benchmark.report import write
 
-    plan = Plan(episodes=options.episodes, timesteps=options.timesteps, seeds=options.seeds)
+    plan = Plan(extra=options.controllers, episodes=options.episodes, timesteps=options.timesteps, seeds=options.seeds)
     cells = selected(plan.cells(), options.only)
     states = {cell: plan.state(cell, options.out) for cell in cells}
     if options.dry_run:
@@ -180,7 +172,7 @@ def benchmark(options: Benchmark) -> None:
         try:
             failed = run_cells(plan, wanted, options.out, options.workers)
         except KeyboardInterrupt:
-            sys.exit("interrupted: what is finished is kept, the same command goes on")
+            sys.exit("interrupted; finished cells are kept, and the same command goes on")
     data = collect(plan, options.out)
     for path in write(data, options.docs or options.out, options.readme):
         print(path)
@@ -197,14 +189,14 @@ class Tune:
 
     task: str = "MagWire/Steer-v0"
     """Environment id."""
-    algorithm: Literal["ppo", "sac", "tqc", "crossq", "stacked_ppo"] = "ppo"
+    algorithm: Algorithm = "ppo"
     """Learning algorithm."""
     trials: int = 16
-    """Trainings; the first has the YAML's values."""
+    """Number of trainings; the first has the YAML's values."""
     timesteps: int | None = None
     """Environment steps of each; by default a third of the YAML's."""
     seed: int = 1000
-    """Of the search and of every training; the benchmark's training seeds are others."""
+    """Seed of the search and of every training; the benchmark trains with other seeds."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     out: Path | None = None
@@ -212,7 +204,7 @@ class Tune:
 
 
 def tune(options: Tune) -> None:
-    """Run the study, a line a trial, and print the file's name."""
+    """Run the study, print a line for each trial, and print the name of the file."""
     from agents.learning.tuning import STUDIES, tune
 
     print(tune(**asdict(options) | {"out": options.out or STUDIES}))
@@ -223,13 +215,13 @@ class Validate:
     """Check the physics against closed forms, magpylib, PyElastica and conservation laws; status 1 if a check fails."""
 
     quick: bool = False
-    """The size the test suite runs: seconds in place of minutes."""
+    """Run the size of the test suite, which takes seconds in place of minutes."""
     markdown: bool = False
     """Print the table as Markdown."""
 
 
 def validate(options: Validate) -> None:
-    """Print the table of checks, and how many hold."""
+    """Print the table of checks, and the number of those that hold."""
     from magwire_env.validation import CHECKS, FULL, TEST, run, table
 
     rows = run(CHECKS, TEST if options.quick else FULL)
@@ -243,16 +235,16 @@ def validate(options: Validate) -> None:
 
 @dataclass
 class Figures:
-    """Draw the paper's figures as PNG and PDF, with their data beside them as CSV."""
+    """Draw the paper's figures as PNG and PDF, and write their data as CSV."""
 
     out: Path = Path("figures")
     """Folder to write to."""
     only: tuple[str, ...] = ()
-    """Names of the figures wanted; by default all."""
+    """Names of the figures; by default all."""
 
 
 def figures(options: Figures) -> None:
-    """Write the figures, and print the files' names."""
+    """Write the figures, and print the names of the files."""
     from magwire_env.figures import draw
 
     for path in draw(options.out, options.only):
@@ -261,34 +253,16 @@ def figures(options: Figures) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run one subcommand; bad input ends with one line and status 1."""
-    commands: Any = (
-        Annotated[Train, tyro.conf.subcommand("train")]
-        | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
-        | Annotated[Robustness, tyro.conf.subcommand("robustness")]
-        | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
-        | Annotated[Tune, tyro.conf.subcommand("tune")]
-        | Annotated[Validate, tyro.conf.subcommand("validate")]
-        | Annotated[Figures, tyro.conf.subcommand("figures")]
-    )
-    for command in view_cli.COMMANDS:
-        commands = commands | command
-    options = tyro.cli(commands, prog="magwire", description=__doc__, args=arguments)  # type: ignore[call-overload]
+    run = _RUN | view_cli.RUN
+    commands: list[Any] = [Annotated[kind, tyro.conf.subcommand(kind.__name__.lower())] for kind in run]
+    options: Any = tyro.cli(reduce(or_, commands), prog="magwire", description=__doc__, args=arguments)
     try:
-        if isinstance(options, Evaluate):
-            evaluate(options)
-        elif isinstance(options, Robustness):
-            robustness(options)
-        elif isinstance(options, Benchmark):
-            benchmark(options)
-        elif isinstance(options, Tune):
-            tune(options)
-        elif isinstance(options, Validate):
-            validate(options)
-        elif isinstance(options, Figures):
-            figures(options)
-        elif type(options) in view_cli.LOOKS:
-            view_cli.look(options)
-        else:
-            train.main(options)
+        run[type(options)](options)
     except BAD_INPUT as error:
         sys.exit(f"magwire: {error}")
+
+
+_RUN: dict[type, Callable[[Any], Any]] = {
+    Train: train, Evaluate: evaluate, Robustness: robustness, Benchmark: benchmark, Tune: tune, Validate: validate,
+    Figures: figures,
+}  # fmt: skip

@@ -1,12 +1,11 @@
 """Pictures of what a policy does: a video of an episode, its path over the force map, its arc length over time.
 
-python -m agents.cli.pictures docs/pictures          # what `make pictures` runs
+python -m agents.cli.pictures docs/pictures          # this is what `make pictures` runs
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,26 +14,27 @@ import gymnasium as gym
 import numpy as np
 
 import magwire_env  # noqa: F401  (registers the ids)
-from agents.controllers import CONTROLLERS
-from agents.evaluation.evaluator import EVALUATION_SEED
+from agents.catalogue import CONTROLLERS, PAR, REFERENCE, resolve
+from agents.evaluation.episodes import EVALUATION_SEED, built, episodes
+from magwire_env.plotting import BLACK, BLUE, GREEN, ORANGE, RED, SKY, blank, broken, styled
 from magwire_env.render.dofs import dofs_of
 from magwire_env.render.extra import need
 from magwire_env.render.paint import DRIVE, NORTH, SOUTH, TARGET, load_colour
 from magwire_env.render.panels import drive_name, map_limit, map_name, map_of
 from magwire_env.render.snapshot import Snapshot, snapshots
 
-__all__ = ["Trace", "chosen", "film", "leave_in", "plots", "trace"]
+__all__ = ["Trace", "film", "leave_in", "plots", "trace"]
 
-BESIDE = ("MaxForce", "Optimal")
-"""Controllers drawn beside a policy, those of them there are: the paper's own, and the par."""
+BESIDE = (REFERENCE, PAR)
+"""Controllers drawn beside a policy."""
 
 _LAST_FRAME = 1.0
-"""s for which a video's last frame stands."""
+"""Time for which the last frame of a video is shown, s."""
 
 
 @dataclass(frozen=True)
 class Trace:
-    """One episode of a policy, a snapshot before the first control step and after every one."""
+    """One episode of a policy: a snapshot before the first control step and after every step."""
 
     name: str
     moments: tuple[Snapshot, ...]
@@ -42,55 +42,27 @@ class Trace:
     seconds: float
 
     def of(self, field: str) -> np.ndarray:
-        """A field of the snapshots, (steps + 1, …)."""
+        """A field of all snapshots, (steps + 1, …)."""
         return np.array([getattr(m, field) for m in self.moments])
 
 
-def chosen(policy: str, task: str | None, scenario: str | None) -> tuple[Any, str, str, dict[str, Any]]:
-    """A run or model folder, or a controller's name → policy (or what makes one), its name, task, env settings.
-
-    Raises `ValueError` if it is neither.
-    """
-    settings: dict[str, Any] = {} if scenario is None else {"scenario": scenario}
-    if policy in CONTROLLERS:
-        return CONTROLLERS[policy].from_env, policy, task or "MagWire/Steer-v0", settings
-    if not Path(policy).is_dir():
-        raise ValueError(f"policy must be a run folder or one of {', '.join(CONTROLLERS)}; got {policy!r}")
-    need("stable_baselines3", "a trained model", "train")
-    from agents.learning.sb3 import load
-
-    model = load(policy)
-    return model, Path(policy).name, task or model.meta["task"], model.meta.get("env", {}) | settings
-
-
-def _episode(env: gym.Env, policy: Any, seed: int) -> Iterator[tuple[bool, dict[str, Any]]]:
-    """Run one episode; yields once after the reset and once after every step: success so far, and the info."""
-    observation, info = env.reset(seed=seed)
-    if not hasattr(policy, "predict"):
-        policy = policy(env)
-    state, start, ended = None, np.ones(1, dtype=np.bool_), False
-    yield False, info
-    while not ended:
-        action, state = policy.predict(observation, state=state, episode_start=start, deterministic=True)
-        observation, _, terminated, truncated, info = env.step(action)
-        start, ended = np.zeros(1, dtype=np.bool_), terminated or truncated
-        yield bool(info["is_success"]), info
-
-
 def trace(policy: Any, name: str, task: str, seed: int = EVALUATION_SEED, **settings: Any) -> Trace:
-    """One episode of `policy`, seeded, as snapshots."""
+    """The episode of `policy` with this seed, as snapshots."""
     env = gym.make(task, **settings)
     core = env.unwrapped.core  # type: ignore[attr-defined]
-    steps = [(snapshots(core)[0], success, info) for success, info in _episode(env, policy, seed)]
+    observation, _ = env.reset(seed=seed)
+    moments, info = [snapshots(core)[0]], {}
+    for step in episodes(env, built(policy, env), observation):
+        moments.append(snapshots(core)[0])
+        info = step.info
     env.close()
-    moments, successes, infos = zip(*steps, strict=True)
-    return Trace(name, moments, successes[-1], float(infos[-1]["summary"]["time"]))
+    return Trace(name, tuple(moments), bool(info["is_success"]), float(info["summary"]["time"]))
 
 
 def film(policy: Any, path: Path, task: str, seed: int = EVALUATION_SEED, speed: float = 1.0, **settings: Any) -> None:
     """Write one episode as .mp4 or .gif.
 
-    speed : of the film; a GIF shows at most ten frames a second, so it leaves some out
+    speed : of the film, times real time; a GIF has at most ten frames a second, so it may leave some out
     """
     if path.suffix not in (".mp4", ".gif"):
         raise ValueError(f"out must end in .mp4 or .gif, got {str(path)!r}")
@@ -98,7 +70,10 @@ def film(policy: Any, path: Path, task: str, seed: int = EVALUATION_SEED, speed:
         raise ValueError(f"speed must be positive, got {speed}")
     need("imageio_ffmpeg" if path.suffix == ".mp4" else "imageio", "a video")
     env = gym.make(task, render_mode="rgb_array", **settings)
-    frames = [np.asarray(env.render()) for _ in _episode(env, policy, seed)]
+    observation, _ = env.reset(seed=seed)
+    frames = [np.asarray(env.render())]
+    for _ in episodes(env, built(policy, env), observation):
+        frames.append(np.asarray(env.render()))
     fps = speed * env.metadata["render_fps"]
     env.close()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -117,7 +92,7 @@ def _write_gif(path: Path, frames: list[np.ndarray], fps: float) -> None:
     image = need("PIL.Image", "a GIF")
     skip = max(1, round(fps / 10))
     kept = [*frames[:-1:skip], frames[-1]]
-    # The colours that carry meaning cover little of a frame: a swatch of them keeps them in the palette.
+    # Colours with a meaning cover little of a frame; a swatch of them makes sure that the palette has them.
     ramp = [load_colour(share) for share in np.linspace(0.0, 1.0, 16)]
     swatch = np.array([NORTH, SOUTH, TARGET, DRIVE, *ramp], dtype=np.uint8)[:, None].repeat(frames[0].shape[1], axis=1)
     sample = np.vstack([*kept[:: max(1, len(kept) // 4)], swatch.repeat(12, axis=0)])
@@ -128,13 +103,13 @@ def _write_gif(path: Path, frames: list[np.ndarray], fps: float) -> None:
 
 
 def plots(policy: Any, name: str, folder: Path, task: str, seed: int = EVALUATION_SEED, **settings: Any) -> list[Path]:
-    """path.png (the way over the force map; not for rigs of several freedoms) and arclength.png, one episode."""
+    """Draw one episode: arclength.png and, for a rig with one degree of freedom, path.png over its force map."""
     folder.mkdir(parents=True, exist_ok=True)
     traces = [trace(policy, name, task, seed, **settings)]
-    # What a trained model sees and how it acts is its own: a controller takes the task's observation and action.
+    # A trained model may have its own observation and action; a controller takes the task's.
     settings = {k: v for k, v in settings.items() if k not in ("observe", "action_mode")}
     for other in BESIDE:
-        if other in CONTROLLERS and other != name:
+        if other != name:
             traces.append(trace(CONTROLLERS[other].from_env, other, task, seed, **settings))
     written = [_arclength_plot(traces, task, folder / "arclength.png")]
     data = map_of(traces[0].moments[0].scenario)
@@ -144,8 +119,8 @@ def plots(policy: Any, name: str, folder: Path, task: str, seed: int = EVALUATIO
 
 
 def leave_in(folder: Path, name: str, task: str, **settings: Any) -> list[Path]:
-    """What train.py leaves in a run folder: plots and a video of its best model."""
-    policy = chosen(str(folder), task, None)[0]
+    """Draw what train.py adds to a run folder: plots and a video of its best model."""
+    policy = resolve(str(folder)).policy
     written = plots(policy, name, folder, task, **settings)
     film(policy, folder / "episode.mp4", task, **settings)
     return [*written, folder / "episode.mp4"]
@@ -153,87 +128,72 @@ def leave_in(folder: Path, name: str, task: str, **settings: Any) -> list[Path]:
 
 # --- plots ------------------------------------------------------------------------------------------------------------
 
-_STYLES = (("-", "black"), ("--", "#56B4E9"), (":", "#009E73"))
-
-
-def _pyplot() -> Any:
-    need("matplotlib", "plotting", "train").use("Agg")
-    return need("matplotlib.pyplot", "plotting", "train")
-
-
-def _hex(colour: tuple[int, int, int]) -> str:
-    return "#{:02x}{:02x}{:02x}".format(*colour)
+_STYLES = (("-", BLACK), ("--", SKY), (":", ORANGE))
+_TARGET = GREEN
 
 
 def _arclength_plot(traces: list[Trace], task: str, path: Path) -> Path:
-    """Arc length, projected force and wall force over time, the policies beside one another."""
-    plt = _pyplot()
-    figure, (way, force, wall) = plt.subplots(
-        3, 1, sharex=True, figsize=(7, 6.6), layout="constrained", height_ratios=(2, 1, 1)
-    )
+    """Arc length, projected force and wall force over time, for all policies."""
     scenario = traces[0].moments[0].scenario
-    for one, (line, colour) in zip(traces, _STYLES, strict=False):
-        time = one.of("time")
-        label = f"{one.name}, goal in {one.seconds:.2f} s" if one.success else f"{one.name}, not reached"
-        way.plot(time, 1e3 * one.of("tip_arclength"), line, color=colour, label=label)
-        force.plot(time, 1e3 * one.of("drive_force"), line, color=colour)
-        wall.plot(time, 1e3 * one.of("wall_force"), line, color=colour)
-    way.axhline(1e3 * traces[0].moments[0].goal, color=_hex(TARGET), lw=1, label="target")
-    way.set(ylabel="tip arc length [mm]", title=f"{task}, one episode from the same start")
-    force.axhline(0, color="0.6", lw=0.8)
-    force.set(ylabel=f"{drive_name(scenario)}\nforce [mN]")
-    wall.axhline(1e3 * scenario.contact.wall_force_limit, color=_hex(NORTH), lw=1, label="limit of the wall force")
-    wall.set(ylabel="wall force [mN]", xlabel="time [s]")
-    handles = [*way.get_legend_handles_labels()[0], *wall.get_legend_handles_labels()[0]]
-    figure.legend(handles=handles, loc="outside lower center", ncols=2)
-    for axes in (way, force, wall):
-        axes.grid(alpha=0.3)
-    figure.savefig(path, dpi=120)
-    plt.close(figure)
+    with styled():
+        figure, (place, force, wall) = blank(3, 1, size=(7, 6.6), sharex=True, height_ratios=(2, 1, 1))
+        for one, (line, colour) in zip(traces, _STYLES, strict=False):
+            time = one.of("time")
+            label = f"{one.name}, goal in {one.seconds:.2f} s" if one.success else f"{one.name}, not reached"
+            place.plot(time, 1e3 * one.of("tip_arclength"), line, color=colour, label=label)
+            force.plot(time, 1e3 * one.of("drive_force"), line, color=colour)
+            wall.plot(time, 1e3 * one.of("wall_force"), line, color=colour)
+        place.axhline(1e3 * traces[0].moments[0].goal, color=_TARGET, lw=1, label="target")
+        place.set(ylabel="tip arc length [mm]", title=f"{task}, one episode from the same start")
+        force.axhline(0, color="0.6", lw=0.8)
+        force.set(ylabel=f"{drive_name(scenario)}\nforce [mN]")
+        wall.axhline(1e3 * scenario.contact.wall_force_limit, color=RED, lw=1, label="limit of the wall force")
+        wall.set(ylabel="wall force [mN]", xlabel="time [s]")
+        handles = [*place.get_legend_handles_labels()[0], *wall.get_legend_handles_labels()[0]]
+        figure.legend(handles=handles, loc="outside lower center", ncols=2)
+        figure.savefig(path)
     return path
 
 
-def _path_plot(traces: list[Trace], data: tuple, task: str, path: Path) -> Path:
-    """The force map with every policy's way on it."""
-    plt = _pyplot()
+def _path_plot(traces: list[Trace], data: tuple[Any, ...], task: str, path: Path) -> Path:
+    """The force map with the path of every policy on it."""
     from matplotlib.colors import LinearSegmentedColormap
 
     commands, places, values = data
-    dof = dofs_of(traces[0].moments[0].scenario)[0]
-    factor = dof.factor
-    limit = 1e3 * map_limit(values)
-    colours = LinearSegmentedColormap.from_list("drive", [_hex(SOUTH), "#ffffff", _hex(NORTH)])
-    figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
-    mesh = axes.pcolormesh(
-        1e3 * places, factor * commands, 1e3 * values, cmap=colours, vmin=-limit, vmax=limit, shading="gouraud"
-    )
-    axes.contour(1e3 * places, factor * commands, values, levels=[0.0], colors="0.5", linewidths=0.7)
-    for one, (line, colour) in zip(traces, _STYLES, strict=False):
-        command = dof.wrapped(one.of("magnet")[:, 0])
+    scenario = traces[0].moments[0].scenario
+    dof = dofs_of(scenario)[0]
+    factor, limit = dof.factor, 1e3 * map_limit(values)
+    colours = LinearSegmentedColormap.from_list("drive", [BLUE, "#ffffff", RED])
+    with styled():
+        figure, axes = blank(size=(7, 4.2))
+        axes.grid(visible=False)
+        mesh = axes.pcolormesh(
+            1e3 * places, factor * commands, 1e3 * values, cmap=colours, vmin=-limit, vmax=limit, shading="gouraud"
+        )
+        axes.contour(1e3 * places, factor * commands, values, levels=[0.0], colors="0.5", linewidths=0.7)
+        for one, (line, colour) in zip(traces, _STYLES, strict=False):
+            command = dof.wrapped(one.of("magnet")[:, 0])
+            command = broken(command, np.pi) if dof.turn else command  # two pieces where the angle wraps around
+            axes.plot(1e3 * one.of("tip_arclength"), factor * command, line, color=colour, lw=1.6, label=one.name)
+        axes.axvline(1e3 * traces[0].moments[0].goal, color=_TARGET, lw=2, label="target")
+        axes.set(
+            xlabel="tip arc length [mm]",
+            ylabel=map_name(dof),
+            title=f"{task}: the path over the force map",
+            xlim=(0, 1e3 * places[-1]),
+            ylim=(factor * commands[0], factor * commands[-1]),
+        )
         if dof.turn:
-            # A way across the seam is drawn in two pieces.
-            command[1:][np.abs(np.diff(command)) > np.pi] = np.nan
-        axes.plot(1e3 * one.of("tip_arclength"), factor * command, line, color=colour, lw=1.6, label=one.name)
-    axes.axvline(1e3 * traces[0].moments[0].goal, color=_hex(TARGET), lw=2, label="target")
-    axes.set(
-        xlabel="tip arc length [mm]",
-        ylabel=map_name(dof),
-        title=f"{task}: the way over the force map",
-        xlim=(0, 1e3 * places[-1]),
-        ylim=(factor * commands[0], factor * commands[-1]),
-    )
-    if dof.turn:
-        axes.set_yticks(np.linspace(factor * commands[0], factor * commands[-1], 5))
-    figure.legend(loc="outside lower center", ncols=len(traces) + 1)
-    figure.colorbar(mesh, label=f"{drive_name(traces[0].moments[0].scenario)} force [mN]")
-    figure.savefig(path, dpi=120)
-    plt.close(figure)
+            axes.set_yticks(np.linspace(factor * commands[0], factor * commands[-1], 5))
+        figure.legend(loc="outside lower center", ncols=len(traces) + 1)
+        figure.colorbar(mesh, label=f"{drive_name(scenario)} force [mN]")
+        figure.savefig(path)
     return path
 
 
 def main(folder: Path) -> None:
     """The README's picture: the paper's own policy on the paper's scenario."""
-    film(CONTROLLERS["MaxForce"].from_env, folder / "steering.gif", "MagWire/Steer-v0", seed=0, speed=2.0)
+    film(CONTROLLERS[REFERENCE].from_env, folder / "steering.gif", "MagWire/Steer-v0", seed=0, speed=2.0)
     print(folder / "steering.gif")
 
 

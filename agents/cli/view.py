@@ -1,32 +1,32 @@
-"""The subcommands to look with: play, view, video, plot."""
+"""The subcommands that show something: play, view, video, plot."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import gymnasium as gym
 import tyro
 
 import magwire_env
-from agents.evaluation.evaluator import EVALUATION_SEED
+from agents.evaluation.episodes import EVALUATION_SEED
 from magwire_env.render.extra import need
 
-__all__ = ["COMMANDS", "LOOKS", "Play", "Plot", "Video", "View", "look"]
+__all__ = ["RUN", "Play", "Plot", "Video", "View"]
 
 
 @dataclass
 class Play:
-    """Steer by hand in a window: mouse or keyboard, with a score and the paper's policy to beat."""
+    """Steer by hand in a window, by mouse or keyboard, with a score and the paper's policy to beat."""
 
     task: str = "MagWire/Steer-v0"
     """Environment id."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = 0
-    """Of the first episode; the next ones count on."""
+    """Seed of the first episode; the next episodes have the next numbers."""
 
 
 @dataclass
@@ -34,17 +34,17 @@ class View:
     """Serve a 3-D page for the browser: turn the magnet by hand, or watch a policy do it."""
 
     policies: tyro.conf.Positional[tuple[Path, ...]] = ()
-    """Run or model folders to choose from beside the controllers; those under runs/ are found by themselves."""
+    """Run or model folders to choose from beside the controllers; those under runs/ are found without being named."""
     task: str = "MagWire/Steer-v0"
     """Environment id to begin with."""
     scenario: str | None = None
     """A TOML file or a shipped name to begin with."""
     host: str = "127.0.0.1"
-    """Address to serve on; by default only this machine can look. 0.0.0.0 lets everybody in the network."""
+    """Address to serve on; by default only this machine has access. 0.0.0.0 gives everybody in the network access."""
     port: int = 8080
     """Port to serve on, or the next free one."""
     seed: int = 0
-    """Of the first episode; the next ones count on."""
+    """Seed of the first episode; the next episodes have the next numbers."""
 
 
 @dataclass
@@ -52,15 +52,15 @@ class Video:
     """Write a video of one evaluation episode."""
 
     policy: tyro.conf.Positional[str]
-    """A run or model folder, or a controller's name."""
+    """A run or model folder, a controller's name, or module:Class."""
     task: str | None = None
     """Environment id; by default the model's own task, or MagWire/Steer-v0."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = EVALUATION_SEED
-    """Of the episode."""
+    """Seed of the episode."""
     speed: float = 1.0
-    """Of the video, times real time."""
+    """Speed of the video, times real time."""
     out: Path | None = None
     """.mp4 or .gif; by default episode.mp4 in the run's folder, or here."""
 
@@ -70,41 +70,33 @@ class Plot:
     """Plot a run: its learning curve, its way over the force map, arc length over time beside MaxForce."""
 
     policy: tyro.conf.Positional[str]
-    """A run or model folder, or a controller's name."""
+    """A run or model folder, a controller's name, or module:Class."""
     task: str | None = None
     """Environment id; by default the model's own task, or MagWire/Steer-v0."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = EVALUATION_SEED
-    """Of the episode."""
+    """Seed of the episode."""
     out: Path | None = None
     """Folder to write to; by default the run's, or here."""
 
 
-LOOKS = (Play, View, Video, Plot)
-COMMANDS = tuple(Annotated[kind, tyro.conf.subcommand(kind.__name__.lower())] for kind in LOOKS)
-
-
-def look(options: Any) -> None:
-    """Run one of `COMMANDS`."""
-    _RUN[type(options)](options)
-
-
 def _play(options: Play) -> None:
     need("pygame", "playing")
+    from agents.catalogue import REFERENCE
     from magwire_env.render.play import Game, play
 
     settings: dict[str, Any] = {} if options.scenario is None else {"scenario": options.scenario}
     env = gym.make(options.task, **settings)
-    play(Game(env, options.seed, lambda seed: _time_of_max_force(options.task, seed, settings), "MaxForce"))
+    play(Game(env, options.seed, lambda seed: _time_to_beat(options.task, seed, settings), REFERENCE))
 
 
-def _time_of_max_force(task: str, seed: int, settings: dict[str, Any]) -> float | None:
-    """s from the start of the episode seeded so to its goal, None if it does not get there."""
+def _time_to_beat(task: str, seed: int, settings: dict[str, Any]) -> float | None:
+    """The reference controller's time to the goal in the episode of this seed, s; None if it does not get there."""
+    from agents.catalogue import CONTROLLERS, REFERENCE
     from agents.cli.pictures import trace
-    from agents.controllers import CONTROLLERS
 
-    one = trace(CONTROLLERS["MaxForce"].from_env, "MaxForce", task, seed, **settings)
+    one = trace(CONTROLLERS[REFERENCE].from_env, REFERENCE, task, seed, **settings)
     return one.seconds if one.success else None
 
 
@@ -124,7 +116,7 @@ def _view(options: View) -> None:
 
 
 def _scenarios(first: str | None) -> dict[str, Any]:
-    """The scenario asked for, the task's own, and the shipped ones."""
+    """The given scenario, the task's own, and the shipped ones."""
     from magwire_env import Scenario
 
     found: dict[str, Any] = {} if first is None else {first: Scenario.load(first)}
@@ -135,7 +127,7 @@ def _scenarios(first: str | None) -> dict[str, Any]:
 
 def _policies(folders: tuple[Path, ...]) -> dict[str, Callable[[gym.Env], Any]]:
     """Controllers, and trained models: those of `folders`, and the runs under runs/."""
-    from agents.controllers import CONTROLLERS
+    from agents.catalogue import CONTROLLERS
 
     found: dict[str, Callable[[gym.Env], Any]] = {name: kind.from_env for name, kind in CONTROLLERS.items()}
     runs = [p.parent.parent for p in sorted(Path("runs").glob("*/best/model.zip"))]
@@ -145,13 +137,12 @@ def _policies(folders: tuple[Path, ...]) -> dict[str, Callable[[gym.Env], Any]]:
 
 
 def _lazily(folder: Path) -> Callable[[gym.Env], Any]:
-    """What loads a model when it is chosen, and says if it was trained on other observations."""
+    """A function that loads a model when it is chosen; it refuses a model that was trained on other observations."""
 
     def load(env: gym.Env) -> Any:
-        need("stable_baselines3", "a trained model", "train")
-        from agents.learning.sb3 import load
+        from agents.catalogue import resolve
 
-        policy = load(folder)
+        policy = resolve(str(folder)).policy
         wanted, seen = policy.model.observation_space.shape, env.observation_space.shape
         if wanted != seen:
             raise ValueError(f"it was trained on observations of shape {wanted}, this task's have {seen}")
@@ -161,21 +152,23 @@ def _lazily(folder: Path) -> Callable[[gym.Env], Any]:
 
 
 def _video(options: Video) -> None:
-    from agents.cli.pictures import chosen, film
+    from agents.catalogue import resolve
+    from agents.cli.pictures import film
 
-    policy, _, task, settings = chosen(options.policy, options.task, options.scenario)
+    own = resolve(options.policy, options.task, options.scenario)
     path = options.out or _folder(options.policy) / "episode.mp4"
-    film(policy, path, task, options.seed, options.speed, **settings)
+    film(own.policy, path, own.task, options.seed, options.speed, **own.settings)
     print(path)
 
 
 def _plot(options: Plot) -> None:
     need("matplotlib", "plotting", "train")
-    from agents.cli.pictures import chosen, plots
+    from agents.catalogue import resolve
+    from agents.cli.pictures import plots
 
-    policy, name, task, settings = chosen(options.policy, options.task, options.scenario)
+    own = resolve(options.policy, options.task, options.scenario)
     folder = options.out or _folder(options.policy)
-    written = plots(policy, name, folder, task, options.seed, **settings)
+    written = plots(own.policy, own.name, folder, own.task, options.seed, **own.settings)
     if (Path(options.policy) / "learning_curve.csv").exists():
         from agents.learning.training import Run, learning_curve
 
@@ -188,4 +181,4 @@ def _folder(policy: str) -> Path:
     return Path(policy) if Path(policy).is_dir() else Path()
 
 
-_RUN: dict[type, Callable[[Any], None]] = {Play: _play, View: _view, Video: _video, Plot: _plot}
+RUN: dict[type, Callable[[Any], None]] = {Play: _play, View: _view, Video: _video, Plot: _plot}

@@ -1,4 +1,7 @@
-"""Classical controllers: each answers SB3's ``predict``, single or batched, so one evaluator serves all policies."""
+"""Classical controllers: each answers SB3's ``predict``, single or batched, so that one evaluator serves all policies.
+
+`agents.catalogue` lists them by name, together with the par (`agents.par.optimal`) and those that users register.
+"""
 
 from .base import Controller
 from .constant_rotation import ConstantRotation
@@ -6,15 +9,9 @@ from .extremum_seeking import ExtremumSeeking
 from .max_force import MaxForce
 from .mppi import MPPI, MPPISettings
 from .net_force import NetForce
-from .optimal import Optimal
 from .pd import PD
 from .random import Random
 
-CONTROLLERS: dict[str, type[Controller]] = {
-    c.__name__: c for c in (MaxForce, NetForce, ExtremumSeeking, PD, MPPI, Optimal, ConstantRotation, Random)
-}
-
 __all__ = [
-    "CONTROLLERS", "MPPI", "PD", "ConstantRotation", "Controller", "ExtremumSeeking", "MPPISettings", "MaxForce",
-    "NetForce", "Optimal", "Random",
+    "MPPI", "PD", "ConstantRotation", "Controller", "ExtremumSeeking", "MPPISettings", "MaxForce", "NetForce", "Random",
 ]  # fmt: skip

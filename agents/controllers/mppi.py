@@ -1,4 +1,4 @@
-"""Model-predictive path integral control: noisy plans tried in the simulator, the better ones averaged."""
+"""Model-predictive path integral control: try noisy plans in the simulator and average the better ones."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ import numpy as np
 from magwire_env.physics.checks import in_range, positive, whole
 from magwire_env.simulation import Simulator, SimulatorState, Trajectories
 
-from .base import Controller
+from .base import Controller, Memory
+from .command_table import CommandTable
 from .seen import aim_seen, magnet_seen, tip_seen
-from .way import Way
 
 __all__ = ["MPPI", "MPPISettings"]
 
 _BEFORE_THE_TIP = (-0.02, 0.0, 0.01, 0.02, 0.04)
-"""Places whose best command is tried as a constant plan, m ahead of the tip."""
+"""The best commands for places this far ahead of the tip, m, are tried as constant plans."""
 
 _LEADS = (0, 1, 2)
-"""Control periods by which plans along the predicted path run ahead of it."""
+"""Plans of best commands along the predicted path run ahead of it by so many control periods."""
 
 _GOOD = 0.2
-"""Share of the plans whose costs set the temperature's scale."""
+"""The costs of this share of the plans, the best ones, set the scale of the temperature."""
 
 
 @dataclass(frozen=True)
 class MPPISettings:
-    """The knobs of `MPPI`.
+    """The settings of `MPPI`.
 
-    samples : plans tried in an iteration
-    horizon : control periods a plan is long
-    iterations : rounds of trying and averaging that a decision takes
-    knots : places of the horizon at which noise is drawn; it runs straight between them
-    temperature : of the weights, over what a fifth of the plans stay within of the best
-    noise : standard deviation of the widest noise, in what a servo covers in a control period
-    finest : of the finest noise, over the widest; the others lie between, in geometric steps
+    samples : number of plans tried in an iteration
+    horizon : length of a plan, control periods
+    iterations : rounds of trying and averaging in a decision
+    knots : number of points of the horizon at which noise is drawn; it is linear between them
+    temperature : of the weights, relative to the excess cost that the best fifth of the plans stays within
+    noise : standard deviation of the widest noise, in the servo's travel in a control period
+    finest : standard deviation of the finest noise over that of the widest; the others lie between in geometric steps
     seed : of the noise, which is the same for all lanes and decisions
-    fade : weight of a tracking error over that of the one a control period before
+    fade : weight of a tracking error over the weight of the error one control period earlier
     settle : a reaching task's target counts as reached within this share of the tolerance
     spacing : m between the places where best commands are tabulated
     """
@@ -66,40 +66,47 @@ class MPPISettings:
 
 
 class MPPI(Controller):
-    """Tries noisy plans out in the simulator from where the tip seems to be, and averages the better ones.
+    """Tries noisy plans in the simulator from where the tip is seen to be, and averages the better ones.
 
     Knows: the model (the simulator under the scenario's nominal numbers), the tip's arc length and speed, where the
-    magnets are, and what the task wants: the way left, or the reference up to 2 s ahead.
+    magnets are, and what the task wants: the remaining distance, or the reference up to 2 s ahead.
 
-    Each decision starts from the last plan, moved on by a period. Beside noise on it stand plans that hold or follow
-    the commands of greatest net force, either way the task asks for, so that it finds its way where one has to lead
-    through. Plans weigh by exp(−excess cost / temperature) (Williams et al., "Information-theoretic model predictive
-    control", 2018), with noises of many widths side by side in place of one tuned covariance. The cost is
+    Each decision starts from the last plan, moved on by a period. MPPI tries it with noise, and also plans that hold or
+    follow the commands of greatest net force, in every direction that the task may need; they lead it through places
+    that only one command passes. A plan's weight is exp(−excess cost / temperature) (Williams et al.,
+    "Information-theoretic model predictive control", 2018). Noises of many widths replace one tuned covariance. The
+    cost is
 
-    - steering: the time to the goal; beyond the horizon, what is left at the speed of greatest net force (`Way`)
+    - steering: the time to the goal; beyond the horizon, the time at the speed of greatest net force (`CommandTable`)
     - reaching: the time away from the target, and beyond the horizon the time to it
     - tracking: the squared distance to the reference
 
-    settings : the knobs; or give single ones by name
+    settings : an `MPPISettings`; or give single settings by name
     """
 
-    def __init__(self, env: gym.Env | gym.vector.VectorEnv, settings: MPPISettings | None = None, **knobs: Any) -> None:
+    plans_online = True
+
+    def __init__(
+        self, env: gym.Env | gym.vector.VectorEnv, settings: MPPISettings | None = None, **single: Any
+    ) -> None:
         super().__init__(env)
-        if settings is not None and knobs:
-            raise ValueError(f"settings must not come with single knobs, got {', '.join(knobs)}")
-        self.settings = c = settings or MPPISettings(**knobs)
+        if settings is not None and single:
+            raise ValueError(f"settings must not come with single ones, got {', '.join(single)}")
+        self.settings = c = settings or MPPISettings(**single)
         sim, self._kind = self.core.sim, self.core.task.kind
         self._model = Simulator(sim.library.scenarios, sim.num_envs, lane_scenario=sim.lane_scenario)
-        self._ways = [Way(sim.library, c.spacing, way) for way in ((1,) if self._kind == "steer" else (1, -1))]
-        led = len(self._ways) * (len(_BEFORE_THE_TIP) + len(_LEADS))
+        self._tables = [CommandTable(sim.library, c.spacing, direction) for direction in self._kind.directions]
+        led = len(self._tables) * (len(_BEFORE_THE_TIP) + len(_LEADS))
         self._noise = _noise(c, c.samples - led, sim.dof)
 
-    def act(self, observation, state, starts, deterministic):
+    def act(
+        self, observation: np.ndarray, state: Memory, starts: np.ndarray, deterministic: bool
+    ) -> tuple[np.ndarray, Memory]:
         sim, c = self._model, self.settings
         self._follow_assignments()
         tip, wires = self._wires(observation)
         aim = aim_seen(self, observation, sim.control_period * np.arange(1, c.horizon + 1))
-        held = self._ways[0].command(sim.lane_scenario, tip)[:, None].repeat(c.horizon, axis=1)
+        held = self._tables[0].command(sim.lane_scenario, tip)[:, None].repeat(c.horizon, axis=1)
         plan = held if state is None else np.where(starts[:, None, None], held, state[0])
         path = tip[:, None].repeat(c.horizon, axis=1)
         for _ in range(c.iterations):
@@ -110,19 +117,17 @@ class MPPI(Controller):
     # --- what is seen -----------------------------------------------------------------------------------------------
 
     def _follow_assignments(self) -> None:
-        """Give the model's lanes the scenarios that the env's have by now."""
+        """Give the model's lanes the scenarios that the env's lanes now have."""
         now = self.core.sim.lane_scenario
         changed = np.flatnonzero(self._model.lane_scenario != now)
         if len(changed):
             self._model.assign(changed, now[changed])
 
     def _wires(self, observation: np.ndarray) -> tuple[np.ndarray, SimulatorState]:
-        """Tips (n,) m and wires as far as they are seen: at their rest length behind the tip, all nodes as fast."""
+        """Tips (n,) m, and the wires as estimated: at rest length behind the tip, all nodes at the tip's speed."""
         tip, speed = tip_seen(self, observation)
         self._model.reset(tip, magnet_seen(self, observation))
-        laid = self._model.state()
-        velocities = np.broadcast_to(speed[:, None], laid.arclengths.shape)
-        return tip, SimulatorState(laid.arclengths, velocities, laid.magnet, laid.time, laid.lanes)
+        return tip, self._model.state().replaced(velocities=speed[:, None])
 
     # --- what is tried ----------------------------------------------------------------------------------------------
 
@@ -131,7 +136,7 @@ class MPPI(Controller):
     ) -> tuple[np.ndarray, np.ndarray]:
         """One iteration: plan (n, H, dof) and its path (n, H) m → a better plan and the best path found."""
         sim, c = self._model, self.settings
-        speed, low, high = sim.library.dofs[sim.lane_scenario].transpose(2, 0, 1)[:, :, None, None]
+        speed, low, high = (limit[:, None, None] for limit in self.limits)
         noisy = plan[:, None] + self._noise * (speed * sim.control_period)
         tried = np.concatenate([noisy, self._led(tip, path)], axis=1)
         tried = np.where(sim.library.is_turn, tried, np.clip(tried, low, high))
@@ -143,41 +148,45 @@ class MPPI(Controller):
         weights = np.exp(-excess / np.maximum(scale, 1e-12))
         weights /= weights.sum(axis=1, keepdims=True)
         mean = (weights[:, :, None, None] * tried[:, :count]).sum(axis=1)
-        # An average is of plans of one kind: where one of another kind is best, it is taken as it is.
+        # Only noisy plans are averaged: where a plan of best commands is better, it is taken as it is.
         better = np.where((best < count)[:, None, None], mean, tried[rows, best])
         return better, moves.tip_arclength[rows, best]
 
     def _led(self, tip: np.ndarray, path: np.ndarray) -> np.ndarray:
-        """Plans (n, E, H, dof) that hold the best command for a place ahead, or follow them along `path` (n, H) m."""
+        """Plans (n, E, H, dof) that hold the best command for a place ahead, or follow those along `path` (n, H) m."""
         c, entries, plans = self.settings, self._model.lane_scenario, []
-        for way in self._ways:
+        for table in self._tables:
             for ahead in _BEFORE_THE_TIP:
-                plans.append(way.command(entries, tip + way.direction * ahead)[:, None].repeat(c.horizon, axis=1))
+                plans.append(table.command(entries, tip + table.direction * ahead)[:, None].repeat(c.horizon, axis=1))
             for lead in _LEADS:
                 at = np.minimum(np.arange(c.horizon) + lead, c.horizon - 1)
-                plans.append(way.command(entries[:, None], path[:, at]))
+                plans.append(table.command(entries[:, None], path[:, at]))
         return np.stack(plans, axis=1)
 
     # --- what it is worth -------------------------------------------------------------------------------------------
 
     def _cost(self, moves: Trajectories, tip: np.ndarray, aim: np.ndarray) -> np.ndarray:
-        """Of every plan, (n, K); s, or a tracking task's squares in m²."""
+        """The cost of every plan, (n, K): s, or m² in a tracking task."""
         gap = aim[:, None] - moves.tip_arclength
-        if self._kind == "track":
+        if self._kind.follows:
             return gap**2 @ self.settings.fade ** np.arange(gap.shape[2])
         entries, goal = self._model.lane_scenario[:, None], aim[:, -1:]
         end, speed = moves.tip_arclength[..., -1], moves.tip_velocity[..., -1]
-        forth = self._ways[0]
+        forth = self._tables[0]
         left = forth.time(entries, end + forth.coast[entries] * speed, goal)
-        if self._kind == "steer":
+        if self._kind.passes:
             return self._time_to_goal(gap, goal - tip[:, None], left) + (moves.tip_arclength < 0.0).sum(axis=2)
         band = self.settings.settle * self.core.task.tolerance
-        # Almost flat far away, where it is the time; but never quite, so that every millimetre counts.
+        # Far away the cost is the time, almost flat; the small slope makes every millimetre count.
         away = self._model.control_period * np.minimum((gap / band) ** 2, 1.0 + 0.1 * np.abs(gap) / band).sum(axis=2)
-        return away + np.where(gap[..., -1] > 0, left, self._ways[1].time(entries, end, goal))
+        return away + np.where(gap[..., -1] > 0, left, self._tables[1].time(entries, end, goal))
 
     def _time_to_goal(self, gap: np.ndarray, first: np.ndarray, left: np.ndarray) -> np.ndarray:
-        """Of plans with `gap` (n, K, H) m to the goal, `first` (n, 1) before; a crossing is timed within its period."""
+        """Time to the goal of plans, s; the crossing is timed within its period.
+
+        gap : (n, K, H) m to the goal after every period; first : (n, 1) m, before the first one
+        left : (n, K) s from the horizon's end to the goal
+        """
         before = np.concatenate([np.broadcast_to(first[..., None], (*gap.shape[:2], 1)), gap[..., :-1]], axis=2)
         share = np.clip(before / np.maximum(before - gap, 1e-9), 0.0, 1.0)
         share[np.minimum.accumulate(before, axis=2) <= 0.0] = 0.0
@@ -187,11 +196,11 @@ class MPPI(Controller):
 
 
 def _noise(c: MPPISettings, count: int, dof: int) -> np.ndarray:
-    """(count, H, dof), in what a servo covers in a period: the first none, the others in pairs of opposite sign."""
+    """Noise (count, H, dof) in servo travels of a period: the first is 0, the others are pairs of opposite sign."""
     pairs = (count - 1) // 2
     width = c.noise * c.finest ** np.linspace(1.0, 0.0, pairs)
     drawn = np.random.default_rng(c.seed).standard_normal((pairs, c.knots, dof)) * width[:, None, None]
     at = np.linspace(0.0, c.knots - 1, c.horizon)
-    shares = np.maximum(1.0 - np.abs(at[:, None] - np.arange(c.knots)), 0.0)  # of each knot in each period
+    shares = np.maximum(1.0 - np.abs(at[:, None] - np.arange(c.knots)), 0.0)  # weight of each knot in each period
     smooth = np.einsum("hk,pkd->phd", shares, drawn)
     return np.concatenate([np.zeros((1, c.horizon, dof)), smooth, -smooth])

@@ -1,4 +1,4 @@
-"""The certificate's policy: hold the command of greatest net force, and lead the tip no faster than the servos go."""
+"""The policy behind certificates: hold the command of greatest net force, no faster than the servos can follow."""
 
 from __future__ import annotations
 
@@ -7,32 +7,34 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from magwire_env.quasistatic.along_tract import AlongTract
 from magwire_env.quasistatic.net_force import greatest
+from magwire_env.scenario.rig import wrapped
 
-from .base import Controller
+from .base import Controller, Memory
 from .seen import magnet_seen, tip_seen
 
 __all__ = ["NetForce"]
 
 _JUMP = 0.05
-"""Servo time from one tabulated place to the next, s, above which the magnet does not stop half-way."""
+"""If the servos need more than this from one tabulated place to the next, s, the magnet does not stop half-way."""
 
 _LOST = 0.02
-"""So far behind the place aimed at, m, a tip that does not come on is given up on, and aimed at where it is."""
+"""If the tip stands still this far behind the place that the command is for, m, the command goes back to the tip."""
 
 
 class NetForce(Controller):
-    """Turns to what leaves most force along the tract after friction and bending, under the scenario's coupling.
+    """Turns to the command that leaves the greatest force along the tract after friction and bending.
 
     Knows: the model (tract, rig, wire, contact), the tip's arc length and speed, and where the magnets are.
 
-    The command is the best one for a place of the way, and that place moves on: to where the tip will be after the
-    servos' lag, but no faster than the servos can follow the best command along the way, and not back. A tip thrown
-    ahead of it is braked until the magnets have caught up, and a tip at it is always pulled on, since the best command
-    there leaves a force: so the tip gets wherever a certificate says it can.
+    The command is the best one for a place on the way, the *led place*. It moves on to where the tip will be after the
+    servos' lag, but no faster than the servos can follow the best commands, and never back. So a tip that is thrown
+    ahead of the led place is braked until the magnets have caught up. A tip at the led place is pulled on, as the best
+    command there leaves a force. So the tip gets wherever a certificate says that it can.
 
     spacing : m between the places where the best command is tabulated
-    ahead : control periods; the lag between a place being seen and the magnet's arriving there
+    ahead : control periods from when a place is seen until the magnet has arrived at its command
     direction : +1 forward, −1 backward
     """
 
@@ -45,23 +47,19 @@ class NetForce(Controller):
         **settings: Any,
     ) -> None:
         super().__init__(env, **settings)
-        self.spacing, self.ahead, self.direction = spacing, ahead, direction
+        self.ahead, self.direction = ahead, direction
         library = self.core.sim.library
-        counts = np.ceil(library.tract_length / spacing).astype(np.int64) + 1
-        self._first, self._count = np.r_[0, counts.cumsum()[:-1]], counts
-        entries = np.repeat(np.arange(len(counts)), counts)
-        place = np.arange(counts.sum()) - self._first[entries]
-        if direction < 0:
-            place = counts[entries] - 1 - place
+        self._along = along = AlongTract(library.tract_length, spacing)
+        commands, _ = greatest(library, along.entries, along.places, direction)
         # Rows in the order of travel, one scenario after another.
-        order = np.argsort(entries * counts.max() + place) if direction < 0 else np.arange(len(place))
-        table, _ = greatest(library, entries, spacing * place[order], direction)
-        self._table = table[np.argsort(order)]
-        gap = np.abs(np.diff(self._table, axis=0)) / library.dofs[entries[1:], :, 0]
+        self._commands = commands if direction > 0 else commands[along.mirrored]
+        gap = np.abs(np.diff(self._commands, axis=0)) / library.limits.speed[along.entries[1:]]
         self._pause = np.r_[gap.max(axis=1) + 1e-9, 0.0]
         self._clock = np.r_[0.0, self._pause[:-1].cumsum()]
 
-    def act(self, observation, state, starts, deterministic):
+    def act(
+        self, observation: np.ndarray, state: Memory, starts: np.ndarray, deterministic: bool
+    ) -> tuple[np.ndarray, Memory]:
         sim = self.core.sim
         entries, period = sim.lane_scenario, sim.control_period
         tip, speed = tip_seen(self, observation)
@@ -72,21 +70,23 @@ class NetForce(Controller):
         led = here if state is None else np.where(arrived, state[0], here)
         behind = self._servo_time(observation, self._command(led))
         arrived = arrived | (behind < period)
-        lost = ((led - here) * self.spacing > _LOST) & (speed <= 0.0) & (behind < period)
+        lost = ((led - here) * self._along.spacing > _LOST) & (speed <= 0.0) & (behind < period)
         led = np.where(lost, here, led)
         led = self._moved_on(led, aim, np.maximum(period - behind, 0.0))
         return self.core.actuation.action(self._command(led)), (led, arrived)
 
     def _row(self, entries: np.ndarray, arclength: np.ndarray) -> np.ndarray:
-        """Row of the table, with its fraction, for places (n,) m of the lanes' scenarios."""
-        last = self._count[entries] - 1
-        at = np.clip(arclength / self.spacing, 0, last)
-        return self._first[entries] + (at if self.direction > 0 else last - at)
+        """Row in the order of travel, with its fraction, of places (n,) m in the lanes' scenarios."""
+        if self.direction > 0:
+            return self._along.row(entries, arclength)
+        last = self._along.counts[entries] - 1
+        return self._along.first[entries] + (last - np.clip(arclength / self._along.spacing, 0, last))
 
     def _moved_on(self, led: np.ndarray, aim: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """The row that the servos can have followed the table to within `time` (n,) s, at most `aim`.
+        """The row to which the servos can follow the table from `led` within `time` (n,) s, at most `aim`.
 
-        A row is not left half-way to the next if the commands differ much: what lies between need not pull.
+        Where the commands of two rows differ much, the led place does not stop between them: a command between two
+        good ones need not pull.
         """
         row = led.astype(np.int64)
         clock = self._clock[row] + (led - row) * self._pause[row]
@@ -96,15 +96,14 @@ class NetForce(Controller):
         return np.maximum(led, np.interp(np.minimum(clock + time, until), self._clock, np.arange(len(self._clock))))
 
     def _command(self, row: np.ndarray) -> np.ndarray:
-        """The table between its rows, (n, dof)."""
+        """The command at fractional rows (n,), (n, dof)."""
         below = row.astype(np.int64)
-        above = np.minimum(below + 1, len(self._table) - 1)
-        return self._table[below] + (row - below)[:, None] * (self._table[above] - self._table[below])
+        above = np.minimum(below + 1, len(self._commands) - 1)
+        return self._commands[below] + (row - below)[:, None] * (self._commands[above] - self._commands[below])
 
     def _servo_time(self, observation: np.ndarray, command: np.ndarray) -> np.ndarray:
         """Time (n,) s that the servos need to `command` (n, dof) from where the magnets are seen to be."""
-        library = self.core.sim.library
-        speed, low, high = library.dofs[self.core.sim.lane_scenario].transpose(2, 0, 1)
-        gap = np.where(library.is_turn, command, np.clip(command, low, high)) - magnet_seen(self, observation)
-        gap = np.where(library.is_turn, gap - 2 * np.pi * np.round(gap / (2 * np.pi)), gap)
-        return (np.abs(gap) / speed).max(axis=1)
+        is_turn = self.core.sim.library.is_turn
+        speed, low, high = self.limits
+        gap = np.where(is_turn, command, np.clip(command, low, high)) - magnet_seen(self, observation)
+        return (np.abs(wrapped(gap, is_turn)) / speed).max(axis=1)

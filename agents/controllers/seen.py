@@ -1,4 +1,4 @@
-"""What model-based controllers make of the observation: where the tip is, where the magnets are, where to go."""
+"""What model-based controllers read from the observation: where the tip is, where the magnets are, where to go."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ def tip_seen(controller: Controller, observation: np.ndarray) -> tuple[np.ndarra
 
 
 def magnet_seen(controller: Controller, observation: np.ndarray) -> np.ndarray:
-    """Where the degrees of freedom are, (n, dof): rad, within π of home, and m."""
-    library, seen, at = controller.core.sim.library, controller.seen(observation, "magnet").astype(np.float64), 0
-    low, high = library.dofs[controller.core.sim.lane_scenario, :, 1:].transpose(2, 0, 1)
+    """Setting of every degree of freedom, (n, dof): rad, within π of home, and m."""
+    seen, at = controller.seen(observation, "magnet").astype(np.float64), 0
+    _, low, high = controller.limits
     magnet = (low + high) / 2
-    for d, turn in enumerate(library.is_turn):
+    for d, turn in enumerate(controller.core.sim.library.is_turn):
         if turn:
             magnet[:, d] += np.arctan2(seen[:, at], seen[:, at + 1])
         else:
@@ -35,10 +35,10 @@ def magnet_seen(controller: Controller, observation: np.ndarray) -> np.ndarray:
 def aim_seen(controller: Controller, observation: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Where the tip should be `times` (k,) s from now, (n, k) m: the goal, or a tracking task's reference.
 
-    The reference is the polynomial through what `reference_preview` shows of it, and stands still after that.
+    The reference is the polynomial through the points of `reference_preview`; after the last one it stands still.
     """
     tip, _ = tip_seen(controller, observation)
-    if controller.core.task.kind == "track":
+    if controller.core.task.kind.follows:
         ahead = controller.seen(observation, "reference_preview").astype(np.float64) * LENGTH_SCALE
         offsets = np.array(REFERENCE_OFFSETS)
         return tip[:, None] + ahead @ _lagrange(offsets, np.minimum(times, offsets[-1]))
@@ -48,7 +48,7 @@ def aim_seen(controller: Controller, observation: np.ndarray, times: np.ndarray)
 
 
 def _lagrange(knots: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Shares (knots, times) of values at `knots` in their polynomial at `times`."""
+    """Weights (knots, times) of values at `knots` in their interpolating polynomial at `times`."""
     shares = np.ones((len(knots), len(times)))
     for i, a in enumerate(knots):
         for b in np.delete(knots, i):

@@ -1,4 +1,4 @@
-"""One evaluator for every policy, the sweep of disturbances, the statistics."""
+"""The loop that plays episodes, one evaluator for every policy, the sweep of disturbances, the statistics."""
 
 from .evaluator import Episodes, evaluate, table
 

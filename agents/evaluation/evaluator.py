@@ -1,10 +1,10 @@
-"""One evaluator for every policy: the same episode seeds, batched, with scores against a par and intervals."""
+"""One evaluator for every policy: the same episode seeds side by side, scores against a par, intervals."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -12,33 +12,25 @@ import numpy as np
 import magwire_env  # noqa: F401  (registers the ids)
 from magwire_env.envs.core import SteeringCore
 from magwire_env.envs.task import TASKS
+from magwire_env.quasistatic.pool import scenario_pool
 
+from .episodes import EVALUATION_SEED, built
+from .episodes import episodes as played
 from .statistics import interquartile_mean, interval, median
 
-__all__ = ["EVALUATION_SEED", "Episodes", "Policy", "evaluate", "make_batch", "paired_ratio", "table"]
-
-EVALUATION_SEED = 1_000_000
-"""First of the evaluation's episode seeds; training uses seeds far below."""
+__all__ = ["Episodes", "evaluate", "make_batch", "paired_ratio", "table"]
 
 _MISSING = "–"
 
 
-class Policy(Protocol):
-    """Anything with SB3's ``predict``."""
-
-    def predict(
-        self, observation: np.ndarray, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]: ...
-
-
 @dataclass(frozen=True)
 class Episodes:
-    """What a policy did, one entry an episode seed, (n,) each.
+    """What a policy did: arrays (n,) with one entry for each episode seed.
 
-    start, goal : m, tip arc lengths at the beginning (in a tracking task both the reference's first)
+    start, goal : m, tip arc lengths at the beginning (in a tracking task, both are the first of the reference)
     success : reached the goal
     time : s to the goal, interpolated within the control step; NaN where it was not reached
-    path_ratio : share of the way covered when the episode ended; NaN in a tracking task
+    path_ratio : share of the way that was covered when the episode ended; NaN in a tracking task
     rms_error : m, of a tracking task; NaN elsewhere
     peak_lateral_force, peak_wall_force, mean_wall_force : N
     cost : wall force above its limit, summed over the control steps, N·steps
@@ -63,15 +55,15 @@ class Episodes:
 
     @property
     def tracking(self) -> bool:
-        """Of a tracking task, which is judged by its error and not by its time."""
+        """The episodes are of a tracking task, which is judged by its error and not by its time."""
         return bool(np.isfinite(self.rms_error).all())
 
     def score(self, par: Episodes) -> np.ndarray:
-        """How near to the par every episode came, (n,): par's time / own time, 0 where the goal was not reached.
+        """How near every episode came to the par, (n,): the par's time over its own, 0 where the goal was not reached.
 
-        In a tracking task par's RMS error / own. NaN where the par itself did not reach the goal.
+        In a tracking task, the par's RMS error over its own. NaN where the par itself did not reach the goal.
 
-        par : `Optimal` on the same episodes; its first ones count if it has more
+        par : `Optimal` on the same episodes; if it has more, the first ones count
 
         Raises `ValueError` for a par of other episodes.
         """
@@ -85,11 +77,11 @@ class Episodes:
             return np.where(par.success[:n], np.where(self.success, par.time[:n] / self.time, 0.0), np.nan)
 
     def median_time(self, resamples: int = 2000) -> tuple[float, float, float]:
-        """Median time to goal over the successes with its bootstrap 95 % interval, s; NaN without a success."""
+        """Median time to goal of the successful episodes with its bootstrap 95 % interval, s; NaN without any."""
         return interval([self.time[self.success]], median, resamples)
 
     def mean_score(self, par: Episodes) -> tuple[float, float, float]:
-        """Interquartile mean of the score with its bootstrap 95 % interval; NaN without a par's success."""
+        """Interquartile mean of the score with its bootstrap 95 % interval; NaN if the par never reached the goal."""
         score = self.score(par)
         return interval([score[np.isfinite(score)]], interquartile_mean)
 
@@ -114,7 +106,7 @@ class Episodes:
         }
 
     def to_json(self, par: Episodes | None = None) -> dict[str, Any]:
-        """The summary (with the score against `par`) and every episode; numbers that do not exist are null."""
+        """The summary (with the score against `par`) and all episodes; a number that does not exist is null."""
         clean = {k: v if isinstance(v, str) else _no_nan(v.tolist()) for k, v in asdict(self).items()}
         summary = self.summary()
         if par is not None:
@@ -124,7 +116,7 @@ class Episodes:
 
     @classmethod
     def from_json(cls, stored: dict[str, Any]) -> Episodes:
-        """What `to_json` gave, read back."""
+        """The episodes of what `to_json` returned."""
         episodes = stored["episodes"]
         kinds: dict[str, Any] = {"success": np.bool_, "steps": np.int64}
         arrays: dict[str, Any] = {
@@ -156,63 +148,56 @@ def evaluate(
 ) -> Episodes:
     """Run one episode for each of the seeds `seed` … `seed + episodes − 1`, all side by side.
 
-    A generated task without a `scenario` gives every episode a tract of its own, the first `episodes` of the pool of
-    `split` (by default "train"): a smaller evaluation is the beginning of a larger one, and `pool_size` is ignored.
+    In a generated task without a `scenario`, every episode has a tract of its own: the first `episodes` of the pool of
+    `split` (by default "train"). So a smaller evaluation is the beginning of a larger one, and `pool_size` is ignored.
 
     policy : an SB3-like policy, or a callable that makes one from the batch (such as ``MaxForce.from_env``)
-    env : a batch of `episodes` lanes to use; by default one is made for `task` with `env_settings`
-    disturb : called once the episodes have begun, to change the simulator behind the policy's back
+    env : a batch of `episodes` lanes; by default one is made for `task` with `env_settings`
+    disturb : changes the simulator when the episodes have begun; the policy is not told
     """
     if env is None:
         env = make_batch(task, episodes, env_settings)
     core: SteeringCore = env.unwrapped.core  # type: ignore[attr-defined]
-    if not hasattr(policy, "predict"):
-        policy = policy(env)
+    policy = built(policy, env)
     observation, _ = env.reset(seed=seed)
     if disturb is not None:
         disturb(core)
-        core.sim.load_state(core.sim.state())  # brings the loads up to date with what has changed
+        core.sim.load_state(core.sim.state())  # computes the loads again, now that something has changed
         observation = core.observe()
     n = env.num_envs
     results = {f.name: np.full(n, np.nan) for f in fields(Episodes) if f.name != "policy"}
     results |= {"start": core.sim.tip_arclength, "goal": core.goal.copy()}
     results |= {"steps": np.zeros(n, dtype=np.int64), "success": np.zeros(n, dtype=np.bool_)}
-    cost, reward_sum, running = np.zeros(n), np.zeros(n), np.ones(n, dtype=np.bool_)
-    state, starts = None, np.ones(n, dtype=np.bool_)
-    while running.any():
-        action, state = policy.predict(observation, state=state, episode_start=starts, deterministic=True)
-        observation, reward, terminated, truncated, infos = env.step(action)
-        reward_sum += np.where(running, reward, 0.0)
-        cost += np.where(running, infos["cost"], 0.0)
-        starts = terminated | truncated
-        ended = running & starts
+    cost, reward = np.zeros(n), np.zeros(n)
+    for step in played(env, policy, observation):
+        ended, info = step.ended, step.info
+        reward += np.where(step.running, step.reward, 0.0)
+        cost += np.where(step.running, info["cost"], 0.0)
         if ended.any():
-            results["success"][ended] = infos["is_success"][ended]
-            results["path_ratio"][ended] = np.nan if core.task.kind == "track" else infos["path_ratio"][ended]
+            results["success"][ended] = info["is_success"][ended]
+            results["path_ratio"][ended] = np.nan if core.task.kind.follows else info["path_ratio"][ended]
             for key in (*_SUMMARISED, "steps"):
-                if key in infos["summary"]:
-                    results[key][ended] = infos["summary"][key][ended]
-            running &= ~ended
+                if key in info["summary"]:
+                    results[key][ended] = info["summary"][key][ended]
     results["time"][~results["success"]] = np.nan
-    return Episodes(name or type(policy).__name__, **results | {"cost": cost, "reward": reward_sum})
+    return Episodes(name or type(policy).__name__, **results | {"cost": cost, "reward": reward})
 
 
 def make_batch(task: str, episodes: int, env_settings: dict[str, Any]) -> gym.vector.VectorEnv:
-    """The batch of an evaluation, see there for a generated task's tracts."""
+    """The batch of an evaluation; `evaluate` says which tracts a generated task has."""
     settings = dict(env_settings)
     kind = TASKS[task].pool if task in TASKS else None
     if kind is not None and settings.get("scenario") is None:
-        from magwire_env.quasistatic.pool import scenario_pool
-
         settings.pop("pool_size", None)
         settings["scenario"] = list(scenario_pool(kind, settings.pop("split", "train"), episodes))
     return gym.make_vec(task, num_envs=episodes, autoreset_mode="NextStep", **settings)
 
 
 def table(rows: list[Episodes], reference: str = "MaxForce", par: Episodes | None = None) -> str:
-    """A Markdown table, one line a policy; times also as a ratio to `reference` on the episodes both finished.
+    """A Markdown table, one line a policy; a tracking task has errors in place of times.
 
-    par : adds a column with the score against it; a tracking task has its error in place of the times
+    reference : policy that times are compared with, on the episodes that both finished
+    par : adds a column with the score against it
     """
     tracking = any(row.tracking for row in rows)
     head = ["policy", "success"]
@@ -240,7 +225,7 @@ def table(rows: list[Episodes], reference: str = "MaxForce", par: Episodes | Non
 
 
 def paired_ratio(row: Episodes, against: Episodes) -> float:
-    """Ratio of the median times to goal over the episodes both finished; NaN if there are none."""
+    """Ratio of the median times to goal over the episodes that both finished; NaN if there are none."""
     both = row.success & against.success
     return float(np.median(row.time[both]) / np.median(against.time[both])) if both.any() else float("nan")
 

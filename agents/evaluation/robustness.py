@@ -1,7 +1,7 @@
-"""What a policy keeps of its skill when the world is not as modelled: a sweep of disturbances, and its heat map.
+"""How well a policy does when the world differs from its model: a sweep of disturbances, and its heat map.
 
-The policy, its tables and its rollouts keep the nominal scenario; only the simulator that moves the wire departs from
-it (friction, remanence, placement), or the readings do (noise, delay).
+The policy, its tables and its rollouts keep the nominal scenario. Only the simulator that moves the wire differs
+(friction, remanence, placement), or the readings do (noise, delay).
 """
 
 from __future__ import annotations
@@ -15,22 +15,24 @@ from typing import Any
 import numpy as np
 
 from magwire_env.envs.core import SteeringCore
+from magwire_env.plotting import blank, styled
 from magwire_env.scenario import Reading, Scenario
 
-from .evaluator import EVALUATION_SEED, Episodes, evaluate, make_batch
+from .episodes import EVALUATION_SEED, built
+from .evaluator import Episodes, evaluate, make_batch
 
 __all__ = ["DISTURBANCES", "Disturbance", "heat_map", "sweep", "sweep_scores"]
 
 
 @dataclass(frozen=True)
 class Disturbance:
-    """One departure from the model.
+    """One way in which the world differs from the model.
 
-    kind, level : for people; a kind is a row of the heat map
+    kind, level : names; a kind is a row of the heat map
     friction, remanence : factors of the wall's coefficient and of the external magnets' remanence
     placement : m, by which every external magnet's centre is shifted
     force_noise : N, standard deviation of every force reading's white noise
-    delay : control steps by which the observation is late
+    delay : control steps by which the observation comes late
     """
 
     kind: str
@@ -47,17 +49,17 @@ class Disturbance:
 
     @property
     def of_readings(self) -> bool:
-        """It changes what is seen, not what happens."""
+        """It changes the readings and not the motion."""
         return bool(self.force_noise or self.delay)
 
     def apply(self, core: SteeringCore) -> None:
-        """Depart from the scenarios in every lane of a batch whose episodes have just begun."""
+        """Change every lane of a batch whose episodes have just begun."""
         n, magnets = core.sim.num_envs, core.sim.library.magnet_count
         shift = np.broadcast_to(np.array(self.placement), (n, magnets, 3))
         core.sim.vary(np.arange(n), np.full(n, self.friction), np.ones(n), np.full(n, self.remanence), shift)
 
     def seen_through(self, scenario: Scenario) -> Scenario:
-        """The scenario with the readings of this disturbance."""
+        """The scenario with the sensing of this disturbance."""
         return scenario.replace(sensing__force=Reading(noise=self.force_noise), sensing__delay=self.delay)
 
 
@@ -83,7 +85,7 @@ DISTURBANCES: tuple[Disturbance, ...] = (
     *(Disturbance("force noise", f"{mn:g} mN", force_noise=1e-3 * mn) for mn in (0.1, 0.3, 1.0, 3.0)),
     *(Disturbance("delay", f"{steps} step{'s'[: steps > 1]}", delay=steps) for steps in (1, 2, 3)),
 )
-"""The sweep: nominal first; kinds in the order of the heat map's rows."""
+"""The sweep: nominal first, then the kinds in the order of the heat map's rows."""
 
 
 def sweep(
@@ -95,25 +97,25 @@ def sweep(
     report: Callable[[str], None] = lambda _: None,
     **env_settings: Any,
 ) -> dict[str, Episodes]:
-    """Every disturbance's name → what the policy did, all on the same starts (the evaluation's first `episodes`).
+    """Name of each disturbance → what the policy did under it, on the first `episodes` starts of the evaluation.
 
     policy : an SB3-like policy, or a callable that makes one from the batch
-    report : told the name of each disturbance done
+    report : called with the name of each disturbance when it is done
     """
     env = make_batch(task, episodes, env_settings)
     core: SteeringCore = env.unwrapped.core  # type: ignore[attr-defined]
-    nominal = policy if hasattr(policy, "predict") else policy(env)
+    nominal = built(policy, env)
     found = {}
     for one in disturbances:
         if one.of_readings:
-            # A batch of its own: its readings belong to the scenario, from which they differ in nothing else.
+            # Readings belong to the scenario, so this needs a batch of its own.
             seen = [one.seen_through(sc) for sc in core.sim.scenarios]
             settings = {k: v for k, v in env_settings.items() if k not in ("scenario", "split", "pool_size")}
             batch = make_batch(task, episodes, settings | {"scenario": seen})
             found[one.name] = evaluate(policy, task, episodes, EVALUATION_SEED, name, env=batch)
             batch.close()
         else:
-            core.sim.assign(np.arange(episodes), core.sim.lane_scenario.copy())  # undoes the one before
+            core.sim.assign(np.arange(episodes), core.sim.lane_scenario.copy())  # undoes the disturbance before
             found[one.name] = evaluate(nominal, task, episodes, EVALUATION_SEED, name, env=env, disturb=one.apply)
         report(one.name)
     env.close()
@@ -121,10 +123,10 @@ def sweep(
 
 
 def sweep_scores(found: dict[str, Episodes], par: Episodes | None) -> list[dict[str, Any]]:
-    """One entry a disturbance: its kind, level, success rate, and the score's interquartile mean.
+    """For each disturbance its kind, level, success rate, and the interquartile mean of the score.
 
-    par : `Optimal` on the undisturbed episodes, so that a score says how much of the nominal par is left; without it
-        the policy itself, undisturbed, is the par
+    par : `Optimal` on the undisturbed episodes; a score then says how much of the nominal par is left. Without it, the
+        policy itself, undisturbed, is the par
     """
     against = par if par is not None else found[NOMINAL.name]
     rows = []
@@ -146,13 +148,11 @@ def heat_map(
     metadata: dict[str, str] | None = None,
     label: str = "score (undisturbed par = 1)",
 ) -> Path:
-    """Draw `sweep_scores`: a row a kind, a column a level, success beside score.
+    """Draw `sweep_scores` to `path`: a row for each kind, a column for each level, success beside score.
 
-    metadata : texts that go into the PNG
+    metadata : texts that are stored in the PNG
     label : of the score
     """
-    from magwire_env.figures.page import blank, styled
-
     kinds = list(dict.fromkeys(row["kind"] for row in rows))
     with styled():
         figure, panels = blank(1, 2, size=(9.6, 0.46 * len(kinds) + 1.5), sharey=True)
@@ -171,7 +171,7 @@ def heat_map(
 
 
 def _panel(axes: Any, rows: Sequence[dict[str, Any]], kinds: Sequence[str], quantity: str) -> Any:
-    """One quantity's cells, each with its level and its number; a number that does not exist is a dash."""
+    """Draw one quantity: in each cell its level and its number, or a dash where there is no number."""
     width = max(sum(row["kind"] == kind for row in rows) for kind in kinds)
     values = np.full((len(kinds), width), np.nan)
     for y, kind in enumerate(kinds):

@@ -12,13 +12,13 @@ from magwire_env.physics.checks import whole
 __all__ = ["interquartile_mean", "interval", "median", "performance_profile", "stratified_bootstrap"]
 
 _AT_ONCE = 4_000_000
-"""Numbers resampled at a time."""
+"""Most numbers that are resampled at a time."""
 
 
 def interquartile_mean(values: np.ndarray) -> np.ndarray:
-    """Mean of the middle half: values (…, n) → (…,); the ⌊n/4⌋ smallest and largest are left out.
+    """Mean of the middle half, values (…, n) → (…,): the ⌊n/4⌋ smallest and the ⌊n/4⌋ largest are left out.
 
-    Raises `ValueError` for no values.
+    Raises `ValueError` if there are no values.
     """
     values = np.asarray(values, dtype=np.float64)
     n = values.shape[-1] if values.ndim else 0
@@ -31,7 +31,7 @@ def interquartile_mean(values: np.ndarray) -> np.ndarray:
 
 
 def median(values: np.ndarray) -> np.ndarray:
-    """values (…, n) → (…,)."""
+    """The median, values (…, n) → (…,)."""
     return np.median(values, axis=-1)
 
 
@@ -42,15 +42,15 @@ def stratified_bootstrap(
     confidence: float = 0.95,
     seed: int = 0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A statistic of all groups' values together, and the ends of its percentile bootstrap interval.
+    """A statistic of the values of all groups together, and the two ends of its percentile bootstrap interval.
 
-    groups : strata (training seeds, tasks), (n_i,) values each; every one is resampled within itself
+    groups : strata (training seeds, tasks), (n_i,) values each; each is resampled within itself
     statistic : samples (r, n) → (r,) or (r, k)
-    resamples : number of them
+    resamples : number of resamples
     confidence : share of the resampled statistics between the two ends
     seed : of the resampling
 
-    Raises `ValueError` for no group, an empty one, one with NaN, or a bad confidence.
+    Raises `ValueError` for no group, an empty group, NaN, or a confidence outside (0, 1).
     """
     strata = [np.asarray(group, dtype=np.float64) for group in groups]
     if not strata or any(group.ndim != 1 or not len(group) for group in strata):
@@ -75,7 +75,7 @@ def stratified_bootstrap(
 def interval(
     groups: Sequence[np.ndarray], statistic: Callable[[np.ndarray], np.ndarray], resamples: int = 2000
 ) -> tuple[float, float, float]:
-    """`stratified_bootstrap` of a single number, as floats; empty groups count for nothing, NaN without values."""
+    """`stratified_bootstrap` of a single number, as floats. Empty groups are left out; NaN if there are no values."""
     kept = [group for group in groups if len(group)]
     if not kept:
         return (float("nan"),) * 3
@@ -84,7 +84,7 @@ def interval(
 
 
 def performance_profile(scores: np.ndarray, taus: np.ndarray) -> np.ndarray:
-    """Share of the runs whose score is greater than each of `taus` (k,): scores (…, n) → (…, k)."""
+    """Share of the scores that are greater than each of `taus` (k,): scores (…, n) → (…, k)."""
     ordered = np.sort(np.asarray(scores, dtype=np.float64), axis=-1)
     flat = ordered.reshape(-1, ordered.shape[-1])
     below = np.stack([np.searchsorted(row, taus, side="right") for row in flat])

@@ -1,15 +1,15 @@
 """Learning with Stable-Baselines3: the native batch as its vec env, and models that keep their normalisation.
 
-A trained model is a folder with ``model.zip`` (SB3's own), ``normalization.pkl`` (the running means it was trained
-under) and ``model.json`` (task, algorithm, env settings, frames stacked), and `load` gives back a policy that applies
-all of it.
+A trained model is a folder with ``model.zip`` (SB3's own), ``normalization.pkl`` (running means of the training) and
+``model.json`` (task, algorithm, env settings, number of stacked frames). `load` returns a policy that applies them all.
 """
 
 from __future__ import annotations
 
+import importlib
 import json
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +17,17 @@ import gymnasium as gym
 import numpy as np
 import yaml
 from gymnasium.vector import AutoresetMode
-from sb3_contrib import TQC, CrossQ
-from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecNormalize
 
 import magwire_env  # noqa: F401  (registers the ids)
 from magwire_env.envs.task import TASKS, RewardWeights
 from magwire_env.envs.vector_env import MagWireVectorEnv
+from magwire_env.physics.checks import one_of
+
+from .config import ALGORITHMS
 
 __all__ = [
-    "ALGORITHMS",
     "NativeVecEnv",
     "TrainedPolicy",
     "frozen",
@@ -39,16 +39,13 @@ __all__ = [
     "save",
 ]
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC, "tqc": TQC, "crossq": CrossQ, "stacked_ppo": PPO}
-"""``stacked_ppo`` is PPO that remembers: it sees the last few observations, of forces and magnet alone."""
-
 _YAML = Path(__file__).parents[1] / "hyperparameters"
 
 
 class NativeVecEnv(VecEnv):
-    """SB3's face of the native batch: resets within the step, terminal observations dense.
+    """The native batch as SB3 wants it: resets within the step, and a dict for every lane.
 
-    SB3 wants a dict a lane; lanes whose episode goes on share one empty dict, since nothing reads them.
+    Lanes whose episode goes on share one empty dict, since nothing reads it.
     """
 
     def __init__(self, env: MagWireVectorEnv, seed: int | None = None) -> None:
@@ -68,7 +65,7 @@ class NativeVecEnv(VecEnv):
         return observation
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Seeds the next reset: lane i with seed + i."""
+        """Seed the next reset: lane i gets seed + i."""
         self._seed = seed
         return [None if seed is None else seed + i for i in range(self.num_envs)]
 
@@ -116,17 +113,16 @@ class NativeVecEnv(VecEnv):
 def hyperparameters(algorithm: str, task: str) -> dict[str, Any]:
     """The task's entry of ``agents/hyperparameters/<algorithm>.yml``, on top of its ``default``.
 
-    The env's settings stand in ``tasks.yml`` for all algorithms, and in the algorithm's own where it departs;
-    ``training_env`` holds those of training alone, that no evaluation sees.
+    The env's settings are in ``tasks.yml`` for all algorithms, and in the algorithm's own file where they differ.
+    ``training_env`` has settings for the training only; no evaluation uses them.
     """
-    if algorithm not in ALGORITHMS:
-        raise ValueError(f"algorithm must be one of {', '.join(map(repr, ALGORITHMS))}, got {algorithm!r}")
+    one_of("algorithm", algorithm, tuple(ALGORITHMS))
     # Keys with a leading dot are blocks that tasks share.
     entries, tasks = _entries(algorithm), _entries("tasks")
     found = {**entries["default"], **(entries.get(task) or {})}
     env = {**(tasks.get(task) or {}), **found.get("env", {})}
     if "pool_size" in env and (task not in TASKS or TASKS[task].pool is None):
-        del env["pool_size"]  # one default serves tasks with a pool and without
+        del env["pool_size"]  # the default also holds for tasks without a pool
     return {**found, "env": env}
 
 
@@ -137,9 +133,10 @@ def _entries(name: str) -> dict[str, Any]:
 def make_vec_env(
     task: str, n_envs: int, seed: int | None = None, frame_stack: int = 1, **settings: Any
 ) -> NativeVecEnv | VecFrameStack:
-    """The native batch of `task` for SB3; with `frame_stack` an observation is that many, the newest last.
+    """The native batch of `task` for SB3.
 
-    ``reward`` may be a dict of `RewardWeights`, as a YAML has it.
+    frame_stack : an observation is so many frames one after the other, the newest last
+    settings : of the env; ``reward`` may be a dict of `RewardWeights`, as in a YAML
     """
     if isinstance(settings.get("reward"), dict):
         settings["reward"] = RewardWeights(**settings["reward"])
@@ -153,7 +150,10 @@ def make_vec_env(
 def make_model(
     algorithm: str, venv: VecEnv, seed: int, settings: dict[str, Any], tensorboard: Path | None = None
 ) -> BaseAlgorithm:
-    """An untrained SB3 model on `venv` under running normalisation; `settings` as in the YAML, without the batch's."""
+    """An untrained SB3 model on `venv` under running normalisation.
+
+    settings : as in the YAML, without those of the batch
+    """
     settings = dict(settings)
     normalize = settings.pop("normalize", {})
     if "learning_rate" in settings and isinstance(settings["learning_rate"], str):
@@ -164,7 +164,7 @@ def make_model(
 
         policy_kwargs["activation_fn"] = getattr(torch.nn, policy_kwargs["activation_fn"])
     normalized = VecNormalize(venv, gamma=settings.get("gamma", 0.99), **normalize)
-    return ALGORITHMS[algorithm](
+    return _class_of(algorithm)(
         "MlpPolicy",
         normalized,
         seed=seed,
@@ -175,8 +175,13 @@ def make_model(
     )
 
 
-def _schedule(text: str) -> Any:
-    """rl-zoo's ``lin_3e-4``: falling linearly to 0 over the training."""
+def _class_of(algorithm: str) -> type[BaseAlgorithm]:
+    package, name = ALGORITHMS[algorithm]
+    return getattr(importlib.import_module(package), name)
+
+
+def _schedule(text: str) -> Callable[[float], float]:
+    """The schedule of rl-zoo's ``lin_3e-4``, which falls linearly to 0 over the training."""
     kind, _, value = text.partition("_")
     if kind != "lin":
         raise ValueError(f"learning_rate must be a number or 'lin_<number>', got {text!r}")
@@ -185,9 +190,9 @@ def _schedule(text: str) -> Any:
 
 
 class TrainedPolicy:
-    """A trained model with its normalisation, answering SB3's ``predict`` on the env's raw observations.
+    """A trained model with its normalisation: SB3's ``predict`` on the env's raw observations.
 
-    One that was trained on stacked frames keeps the frames in its state.
+    A model that was trained on stacked frames keeps the frames in its state.
     """
 
     def __init__(self, model: BaseAlgorithm, normalization: VecNormalize | None, meta: dict[str, Any]) -> None:
@@ -201,7 +206,7 @@ class TrainedPolicy:
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """As SB3's: observation (size,) or (n, size) → action and state."""
+        """SB3's form: observation (size,) or (n, size) → action and state."""
         if self._frames > 1:
             observation = state = self._stacked(observation, state, episode_start)
         if self.normalization is not None:
@@ -212,7 +217,7 @@ class TrainedPolicy:
         return action, state if self._frames > 1 else own
 
     def _stacked(self, observation: np.ndarray, frames: np.ndarray | None, starts: np.ndarray | None) -> np.ndarray:
-        """The last frames with the newest, (…, frames · size); nothing but the newest where an episode starts."""
+        """The last frames, (…, frames · size), the newest last; where an episode starts, the others are 0."""
         size = np.shape(observation)[-1]
         if frames is None:
             frames = np.zeros((*np.shape(observation)[:-1], self._frames * size), dtype=np.float32)
@@ -222,12 +227,12 @@ class TrainedPolicy:
 
 
 def frozen(model: BaseAlgorithm, meta: dict[str, Any]) -> TrainedPolicy:
-    """The policy of a model as it stands, for an evaluation while training."""
+    """The policy of a model as it is now, for an evaluation during the training."""
     return TrainedPolicy(model, model.get_vec_normalize_env(), meta)
 
 
 def save(model: BaseAlgorithm, folder: Path, meta: dict[str, Any]) -> None:
-    """Write a model folder; each file is complete before it takes its name."""
+    """Write a model folder; each file gets its name only when it is complete."""
     folder.mkdir(parents=True, exist_ok=True)
     _atomically(folder / "model.zip", lambda path: model.save(path))
     normalization = model.get_vec_normalize_env()
@@ -237,9 +242,9 @@ def save(model: BaseAlgorithm, folder: Path, meta: dict[str, Any]) -> None:
 
 
 def load(folder: str | Path) -> TrainedPolicy:
-    """The policy saved in `folder` (a model folder, or a run folder, whose best model it then is).
+    """The policy saved in `folder`: a model folder, or a run folder, of which it takes the best model.
 
-    Raises `FileNotFoundError` for a missing file and `ValueError` for a truncated or foreign one, both naming it.
+    Raises `FileNotFoundError` for a missing file and `ValueError` for a truncated or foreign one; both name the file.
     """
     model, normalization, meta = load_parts(folder)
     return TrainedPolicy(model, normalization, meta)
@@ -248,7 +253,7 @@ def load(folder: str | Path) -> TrainedPolicy:
 def load_parts(
     folder: str | Path, venv: VecEnv | None = None
 ) -> tuple[BaseAlgorithm, VecNormalize | None, dict[str, Any]]:
-    """Model, normalisation and meta of a saved folder; with `venv` ready to train on."""
+    """Model, normalisation and meta of a saved folder; with `venv` they are ready for more training."""
     folder = Path(folder)
     if (folder / "best" / "model.zip").exists():
         folder = folder / "best"
@@ -257,11 +262,11 @@ def load_parts(
             raise FileNotFoundError(f"{folder} holds no {name}: not a model folder, or a run that saved nothing yet")
     try:
         meta = json.loads((folder / "model.json").read_text(encoding="utf-8"))
-        algorithm, task = ALGORITHMS[meta["algorithm"]], meta["task"]
+        algorithm, task = _class_of(meta["algorithm"]), meta["task"]
     except (json.JSONDecodeError, KeyError, UnicodeDecodeError) as error:
         raise ValueError(f"{folder / 'model.json'} is damaged or of another program: {error}") from error
     env = meta.get("env", {})
-    smallest = {"pool_size": 1} if "pool_size" in env else {}  # only its spaces are asked for
+    smallest = {"pool_size": 1} if "pool_size" in env else {}  # only its spaces are used
     try:
         dummy = venv or make_vec_env(task, 1, frame_stack=meta.get("frame_stack", 1), **(env | smallest))
     except (ValueError, TypeError, gym.error.Error) as error:
@@ -281,7 +286,8 @@ def load_parts(
     return model, normalization, meta
 
 
-def _atomically(path: Path, write: Any) -> None:
+def _atomically(path: Path, write: Callable[[Path], Any]) -> None:
+    """Let `write` write a partial file, which then gets its name."""
     partial = path.with_name(path.name + ".part")
     write(partial)
     # SB3 appends .zip to names without it.

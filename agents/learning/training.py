@@ -1,4 +1,4 @@
-"""A training run: its folder, its learning with evaluations and checkpoints, its learning curve."""
+"""A training run: its folder, its training with evaluations and checkpoints, its learning curve."""
 
 from __future__ import annotations
 
@@ -20,25 +20,28 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
 from magwire_env.envs.task import TASKS
+from magwire_env.plotting import BLUE, RED, blank, styled
 from magwire_env.quasistatic.pool import scenario_pool
 
-from ..evaluation.evaluator import EVALUATION_SEED, evaluate
+from ..evaluation.episodes import EVALUATION_SEED
+from ..evaluation.evaluator import evaluate
+from .config import Config
 from .sb3 import frozen, hyperparameters, load_parts, make_model, make_vec_env, save
 
 __all__ = ["Run", "learn", "learning_curve", "read_curve"]
 
 VALIDATION_SEED = EVALUATION_SEED + 500_000
-"""Held-out seeds for choosing the best model: neither training's nor the final evaluation's."""
+"""First of the seeds that choose the best model; neither the training nor the final evaluation uses them."""
 
 VALIDATION_EPISODES, VALIDATION_POOL = 100, 1
-"""Episodes that choose it, and the seed of the pool that a generated task's tracts then come from."""
+"""Number of episodes that choose the best model, and seed of the pool of tracts for a generated task."""
 
 _PACKAGES = ("magwire-env", "gymnasium", "stable-baselines3", "torch", "numba", "numpy", "scipy")
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder and what stands in its config.json."""
+    """A run folder and the contents of its config.json."""
 
     folder: Path
     config: dict[str, Any]
@@ -46,13 +49,13 @@ class Run:
     resume: bool = False
 
     @classmethod
-    def open(cls, config: Any, changes: dict[str, Any] | None = None) -> Run:
-        """Make the folder of a new run, or find that of one to resume.
+    def open(cls, config: Config, changes: dict[str, Any] | None = None) -> Run:
+        """Make the folder of a new run, or find the folder of a run to resume.
 
-        changes : to the YAML's hyperparameters; a dotted name reaches into a block
+        changes : to the YAML's hyperparameters; a name with a dot is one inside a block
 
-        Raises `FileExistsError` for a run folder that exists without `resume`, `FileNotFoundError` for one to resume
-        that does not; an existing folder is never written into otherwise.
+        Raises `FileExistsError` for a new run whose folder exists, `FileNotFoundError` for a run to resume whose folder
+        does not. Without `resume` an existing folder is never changed.
         """
         asked = {k: (str(v) if isinstance(v, Path) else v) for k, v in asdict(config).items()}
         if config.resume:
@@ -68,7 +71,7 @@ class Run:
         folder = Path(config.run) if config.run is not None else _free_folder(config)
         if folder.exists():
             raise FileExistsError(f"run folder {folder} exists: choose another --run, or --resume to go on with it")
-        make_vec_env(config.task, 1, **_env_settings(asked))  # what does not exist fails before writing
+        make_vec_env(config.task, 1, **_env_settings(asked))  # a bad task or scenario fails before anything is written
         folder.mkdir(parents=True)
         run = cls(folder, asked, settings)
         run.write("config.json", {"config": asked, "hyperparameters": settings})
@@ -77,7 +80,7 @@ class Run:
 
     @classmethod
     def at(cls, folder: Path) -> Run:
-        """The run that stands in `folder`."""
+        """The run in `folder`."""
         stored = json.loads((folder / "config.json").read_text(encoding="utf-8"))
         return cls(folder, stored["config"], stored["hyperparameters"], resume=True)
 
@@ -91,25 +94,28 @@ class Run:
 
     @property
     def env_settings(self) -> dict[str, Any]:
-        """Keyword arguments of the env: the hyperparameters' own, and the scenario asked for."""
+        """Keyword arguments of the env: those of the hyperparameters, and the scenario of the configuration."""
         return self.settings.get("env", {}) | _env_settings(self.config)
 
     @property
     def held_out(self) -> dict[str, Any]:
-        """Keyword arguments of the final evaluation's env: a generated task's tracts are then of the test split."""
+        """Keyword arguments of the final evaluation's env; it takes a generated task's tracts from the test split."""
         drawn = TASKS[self.task].pool is not None and self.config["scenario"] is None
         return self.env_settings | ({"split": "test"} if drawn else {})
 
     @property
     def same_episodes(self) -> dict[str, Any]:
-        """Keyword arguments of an env with the final evaluation's episodes and the task's own observation and action:
-        what a controller needs."""
+        """Keyword arguments of an env for controllers: the final evaluation's episodes, the task's own observation and
+        action."""
         return {k: v for k, v in self.held_out.items() if k in ("scenario", "split")}
 
     @property
     def validation(self) -> dict[str, Any]:
-        """Keyword arguments of the env that chooses the best model: a generated task's tracts are then a pool of their
-        own, neither training's nor the test split's, since a policy may learn its own tracts by heart."""
+        """Keyword arguments of the env that chooses the best model.
+
+        A generated task has a pool of tracts of its own here, neither the training's nor the test split's, because a
+        policy may learn its training tracts by heart.
+        """
         pool = TASKS[self.task].pool
         if pool is None or self.config["scenario"] is not None:
             return self.env_settings
@@ -118,7 +124,7 @@ class Run:
 
     @property
     def meta(self) -> dict[str, Any]:
-        """What a saved model says of itself."""
+        """Contents of a saved model's model.json."""
         return {
             "task": self.task,
             "algorithm": self.algorithm,
@@ -128,12 +134,12 @@ class Run:
         }
 
     def write(self, name: str, content: Any) -> None:
-        """A JSON file of the folder."""
+        """Write a JSON file into the folder."""
         (self.folder / name).write_text(json.dumps(content, indent=2), encoding="utf-8")
 
 
 def learn(run: Run) -> bool:
-    """Train to the end; false if Ctrl-C stopped it, after saving a checkpoint."""
+    """Train to the end; false if Ctrl-C stopped it, after a checkpoint was saved."""
     settings = dict(run.settings)
     n_envs, total, _ = settings.pop("n_envs"), settings.pop("n_timesteps"), settings.pop("env", None)
     torch.set_num_threads(run.config["threads"])
@@ -156,7 +162,7 @@ def learn(run: Run) -> bool:
 
 
 class Progress(BaseCallback):
-    """Evaluates on held-out seeds, keeps the best model and a checkpoint, and stops between steps when asked."""
+    """Evaluates on held-out seeds, keeps the best model and a checkpoint, and stops between steps on request."""
 
     def __init__(self, run: Run, total: int) -> None:
         super().__init__()
@@ -176,7 +182,7 @@ class Progress(BaseCallback):
         return not self.interrupted
 
     def _on_rollout_start(self) -> None:
-        # Between a rollout and the next: an on-policy model has just been updated.
+        # Here an on-policy model has just been updated.
         if self.num_timesteps >= self._next:
             self._next += self._every
             self._evaluate()
@@ -217,26 +223,19 @@ class Progress(BaseCallback):
 
 
 def learning_curve(run: Run, folder: Path | None = None) -> None:
-    """learning_curve.png: success rate and median time to goal on held-out episodes, over environment steps."""
+    """Draw learning_curve.png: success rate and median time to goal on held-out episodes, over environment steps."""
     rows = read_curve(run.folder / "learning_curve.csv")
     if not rows:
         return
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     steps = np.array([r["timesteps"] for r in rows]) / 1e6
-    figure, (top, bottom) = plt.subplots(2, 1, sharex=True, figsize=(7, 5), layout="constrained")
-    top.plot(steps, [100 * r["success_rate"] for r in rows], "o-", color="#0072B2")
-    title = f"{run.task}, {run.algorithm.upper()}, seed {run.config['seed']}"
-    top.set(ylabel="success [%]", ylim=(-5, 105), title=title)
-    bottom.plot(steps, [r["median_time_s"] for r in rows], "o-", color="#D55E00")
-    bottom.set(ylabel="median time to goal [s]", xlabel="environment steps [millions]")
-    for axes in (top, bottom):
-        axes.grid(alpha=0.3)
-    figure.savefig((folder or run.folder) / "learning_curve.png", dpi=120)
-    plt.close(figure)
+    with styled():
+        figure, (top, bottom) = blank(2, 1, size=(7, 5), sharex=True)
+        top.plot(steps, [100 * r["success_rate"] for r in rows], "o-", color=BLUE)
+        title = f"{run.task}, {run.algorithm.upper()}, seed {run.config['seed']}"
+        top.set(ylabel="success [%]", ylim=(-5, 105), title=title)
+        bottom.plot(steps, [r["median_time_s"] for r in rows], "o-", color=RED)
+        bottom.set(ylabel="median time to goal [s]", xlabel="environment steps [millions]")
+        figure.savefig((folder or run.folder) / "learning_curve.png")
 
 
 def read_curve(path: Path) -> list[dict[str, float]]:
@@ -248,13 +247,13 @@ def read_curve(path: Path) -> list[dict[str, float]]:
 
 
 def _score(success_rate: float, median_time: float) -> tuple[float, float]:
-    """Success first, then speed."""
+    """How good a model is: success first, then speed."""
     return success_rate, -median_time if median_time == median_time else -float("inf")
 
 
 @contextmanager
 def _interruptible(progress: Progress) -> Iterator[None]:
-    """Ctrl-C asks for a stop between steps; a second one stops at once."""
+    """Ctrl-C requests a stop between two steps; a second Ctrl-C stops at once."""
 
     def ask(*_: Any) -> None:
         progress.interrupted = True
@@ -262,7 +261,7 @@ def _interruptible(progress: Progress) -> Iterator[None]:
 
     try:
         before = signal.signal(signal.SIGINT, ask)
-    except ValueError:  # not in the main thread: the caller's own business
+    except ValueError:  # not in the main thread, where signals cannot be caught
         yield
         return
     try:
@@ -276,6 +275,7 @@ def _env_settings(config: dict[str, Any]) -> dict[str, Any]:
 
 
 def _changed(settings: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """`settings` with `changes`; a name "block.inner" changes an entry of a block."""
     settings = dict(settings)
     for name, value in changes.items():
         block, _, inner = name.partition(".")
@@ -283,7 +283,8 @@ def _changed(settings: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any
     return settings
 
 
-def _free_folder(config: Any) -> Path:
+def _free_folder(config: Config) -> Path:
+    """A folder under runs/ that does not exist yet."""
     base = Path("runs") / f"{config.task.split('/')[-1]}-{config.algorithm}-seed{config.seed}"
     folder, number = base, 2
     while folder.exists():

@@ -1,8 +1,8 @@
-"""Hyperparameters by search: Optuna's tree-structured Parzen estimator over short trainings, seeds fixed.
+"""Hyperparameters by search: Optuna's tree-structured Parzen estimator over short trainings with fixed seeds.
 
-``magwire tune --task MagWire/Steer-v0 --algorithm ppo`` writes the study to ``agents/hyperparameters/studies/``; what
-it found is then copied by hand into the algorithm's YAML. The YAML's own values are the first trial, so that a study
-also says whether the search beat them.
+``magwire tune --task MagWire/Steer-v0 --algorithm ppo`` writes the study to ``agents/hyperparameters/studies/``. Its
+result is then copied by hand into the algorithm's YAML. The first trial has the YAML's own values, so a study also says
+whether the search beat them.
 """
 
 from __future__ import annotations
@@ -13,13 +13,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import optuna
 import yaml
 
-import train
+from magwire_env.physics.checks import one_of, whole
 
+from .config import Config
 from .sb3 import hyperparameters
 from .training import Run, learn, read_curve
 
@@ -65,7 +66,7 @@ SPACES: dict[str, Space] = {
     "tqc": _OFF_POLICY | {"tau": _one_of(0.005, 0.01, 0.02), "top_quantiles_to_drop_per_net": _one_of(0, 2, 5)},
     "crossq": _OFF_POLICY | {"policy_delay": _one_of(1, 2, 3)},
 }
-"""What is searched of every algorithm; a dot reaches into ``policy_kwargs``."""
+"""Hyperparameters that are searched for each algorithm; a name with a dot is one inside ``policy_kwargs``."""
 
 
 def tune(
@@ -77,22 +78,20 @@ def tune(
     scenario: str | None = None,
     out: Path = STUDIES,
 ) -> Path:
-    """Run a study and write it: its settings, the best trial, every trial in the order tried. Returns the file.
+    """Run a study and write its settings, the best trial, and all trials in their order. Returns the file.
 
-    trials : trainings; the first has the YAML's values
-    timesteps : env steps of each; by default a third of the YAML's
-    seed : of the search and of every training; the benchmark's training seeds are others
+    trials : number of trainings; the first has the YAML's values
+    timesteps : env steps of each training; by default a third of the YAML's
+    seed : of the search and of every training; the benchmark trains with other seeds
     scenario : a TOML file or a shipped name, in place of the task's
     out : folder to write to
     """
-    if algorithm not in SPACES:
-        raise ValueError(f"algorithm must be one of {', '.join(map(repr, SPACES))}, got {algorithm!r}")
-    if trials < 1:
-        raise ValueError(f"trials must be at least 1, got {trials}")
+    one_of("algorithm", algorithm, tuple(SPACES))
+    whole("trials", trials, 1)
     space, given = SPACES[algorithm], hyperparameters(algorithm, task)
     timesteps = timesteps or given["n_timesteps"] // 3
-    config = train.Config(
-        task=task, algorithm=cast(Any, algorithm), seed=seed, timesteps=timesteps, scenario=scenario, evaluations=1,
+    config = Config(
+        task=task, algorithm=algorithm, seed=seed, timesteps=timesteps, scenario=scenario, evaluations=1,
         progress=False,
     )  # fmt: skip
     optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -129,7 +128,7 @@ def tune(
 
 
 def _as_given(given: dict[str, Any], space: Space) -> dict[str, Any]:
-    """The YAML's values as a trial; what it leaves to the library's default is left to the search."""
+    """The YAML's values as a trial. A value that the YAML does not have is left to the search."""
     values = {}
     for name in space:
         value: Any = given
@@ -140,7 +139,7 @@ def _as_given(given: dict[str, Any], space: Space) -> dict[str, Any]:
     return values
 
 
-def _trained(config: train.Config, changes: dict[str, Any]) -> float:
+def _trained(config: Config, changes: dict[str, Any]) -> float:
     """Mean episode reward on the held-out episodes after a training with `changes`."""
     with tempfile.TemporaryDirectory() as folder:
         run = Run.open(replace(config, run=Path(folder) / "run"), changes)

@@ -1,21 +1,7 @@
-"""A time that no policy can beat: the wire driven by the greatest net force there is, at every place.
+"""A time that no policy can beat. docs/par.md has the proof; the equation numbers here are those of that page.
 
-Without servos. A wire that moves as one obeys m v v′ = F(s, θ) − c v, and whatever the magnets do, F is at most its
-greatest over all commands. The speed at a place then is at most that of the wire which has the greatest force all
-along and sets off at rest, and so no passage from place to place is faster. A policy that first runs back and passes
-the start with speed set off at rest further back: so the least over starts up to `_RUN_UP` back counts.
-
-With the servo, one turn. Within t the magnet is at most ω t from where it started, so the force at most G(t, s), the
-greatest over the reachable arc and over places from the run-up to s. Let z = s + τ v with τ = m/c. While v ≥ 0,
-z′ = F/c ≤ G(t, s)/c; while v < 0, z < s, no further than the tip has been. Hence z ≤ y, and since s′ = (z − s)/τ also
-s ≤ x, with y′ = G(t, x)/c, x′ = (y − x)/τ and both the start at first. With A(s) the least time to s without servos,
-the goal takes at least t + A(goal) − A(x(t)), for any t; the greatest counts. At t = 0 that is A(goal). If the whole
-reachable arc drags the wire back at first, then t and the start are counted from when it no longer does.
-
-The wire is the simulator's: its bending resistance is that of the chain of segments, not of the curve. Its tip may be
-ahead of a wire that moves as one by as much as it stretches, and of one that moves continuously by the error h² a/12 of
-its drifts, which are trapezoids of the speed: the goal is taken that much nearer. What is left, friction of a chain
-against that of a curve and forces at the middle of a step, goes into a margin on the force.
+The wire is that of the simulator: a wire that moves as one along its centreline, under the greatest net force that the
+rig can give at every place, limited by the servo if the rig has one turn.
 """
 
 from __future__ import annotations
@@ -24,34 +10,29 @@ import numpy as np
 
 from magwire_env.quasistatic.balance import Tails
 from magwire_env.quasistatic.certificate import traverse
-from magwire_env.quasistatic.net_force import Places, greatest
+from magwire_env.quasistatic.net_force import TipForces, greatest
 from magwire_env.scenario import Scenario
-from magwire_env.simulation.locked import algorithm1 as a1
-from magwire_env.simulation.locked.arrays import LaneArrays, Library
+from magwire_env.simulation import Library, Places, Simulator
 
 __all__ = ["Fastest", "least_time"]
 
 _SPACING = 2.5e-4
-"""m between the places of the quadrature."""
+"""Distance between the places of the quadrature, m."""
 
 _COARSE = 1e-3
-"""m between the places whose forces are tabulated."""
+"""Distance between the places whose forces are tabulated, m."""
 
 _RUN_UP = 0.03
-"""The longest run-up looked at, m, or the way in which drag stops the wire from its greatest speed, if longer."""
+"""The longest run-up, m, unless drag needs more than this to stop the wire from its greatest speed (3)."""
 
 _ANGLES = 240
-"""Magnet angles tabulated."""
+"""Number of tabulated magnet angles."""
 
 _MARGIN = 1e-3
-"""What is added to the net force: this share of the greatest force and of the sharpest bend's ½ E I κ² together.
-
-It comes to the 20 µN to which certificates trust the balance. With half of it one of 500 generated tracts, whose
-weakest place leaves 0.1 mN, was crossed 1.1 % faster than its bound.
-"""
+"""Margin on the net force, as a share of the greatest force plus ½ E I κ² of the sharpest bend: about 20 µN."""
 
 _TICK = 5e-3
-"""Time step of y(t), s; the arc that is reachable at a step's end counts for all of it."""
+"""Time step of y(t) (5), s; the arc that is within reach at the end of a step counts for the whole step."""
 
 
 class Fastest:
@@ -65,16 +46,16 @@ class Fastest:
             raise ValueError(f"direction must be 1 or -1, got {direction!r}")
         self.scenario, self.direction = scenario, direction
         self.library = Library([scenario])
-        self.mass = scenario.wire.mass + (scenario.tip.mass or 0.0)
+        self.mass = scenario.moving_mass
         length = scenario.tract.length
         self.places = np.linspace(0.0, length, int(np.ceil(length / _COARSE)) + 1)
         self._entries = np.zeros(len(self.places), dtype=np.int64)
         self._bend = _chain_less_curve(self.library, self.places)
-        pull, self._growth = self._resistance(direction)
+        resistance, self._growth = self._resistance(direction)
         self.commands, force = greatest(self.library, self._entries, self.places, direction)
         bend = 0.5 * scenario.wire.bending_rigidity * float((scenario.tract.curvature(self.places) ** 2).max())
         self._margin = _MARGIN * (float(np.abs(force).max()) + bend)
-        self.net = force - pull + self._margin
+        self.net = force - resistance + self._margin
         stretch = float(np.abs(force).max()) * scenario.wire.length / scenario.wire.axial_rigidity
         step = scenario.timing.control_period / scenario.timing.substeps
         self._slack = stretch + step * step / 12.0 * max(float(self.net.max()), 0.0) / self.mass
@@ -82,14 +63,14 @@ class Fastest:
         self._tables: dict[int, np.ndarray] = {}
 
     def _resistance(self, direction: int) -> tuple[np.ndarray, np.ndarray]:
-        """What the tip must supply to move the wire along `direction`, N, and its growth with speed, N·s/m."""
-        pull, growth = Tails([self.scenario]).pull(self._entries, self.places, direction)
-        return pull + direction * self._bend, growth
+        """The force that moves the wire along `direction`, N, and its growth with speed, N·s/m."""
+        force, growth = Tails([self.scenario]).resistance(self._entries, self.places, direction)
+        return force + direction * self._bend, growth
 
     def least(self, start: float, goal: float, magnet: float | None = None) -> float:
-        """Least time from `start` to `goal` (m), at rest and the magnet anywhere, or, of one turn, at `magnet` (rad).
+        """Least time from rest at `start` to `goal` (m), s; ∞ where not even the greatest force gets there.
 
-        ∞ where not even the greatest force gets there.
+        magnet : rad, where the magnet is at the start; used for a rig with one turn, by default anywhere
         """
         length = self.scenario.tract.length
         for name, value in (("start", start), ("goal", goal)):
@@ -102,32 +83,32 @@ class Fastest:
         goal = self.direction * max(self.direction * goal - self._slack, self.direction * start)
         if goal == start:
             return 0.0
-        if magnet is None or self.library.dof != 1 or not self.library.is_turn[0]:
-            return self._free(start, goal)
-        held, start = self._held_back(start, magnet)
-        free = self._free(start, goal)
-        way, arrival = self._arrivals(start, goal)
+        if magnet is None or self.library.is_turn.tolist() != [True]:
+            return self._without_servos(start, goal)
+        dragged, start = self._dragged_back(start, magnet)
+        free = self._without_servos(start, goal)
+        places, arrival = self._arrivals(start, goal)
         if not np.isfinite(arrival[-1]):
-            return held + free
-        times, reached = self._ahead(start, goal, magnet, held)
-        late = times - np.interp(self.direction * reached, self.direction * way, arrival)
-        return held + free + float(late.max())
+            return dragged + free
+        times, reached = self._farthest(start, goal, magnet, dragged)
+        late = times - np.interp(self.direction * reached, self.direction * places, arrival)  # t − A(x(t)) of (6)
+        return dragged + free + float(late.max())
 
-    def _free(self, start: float, goal: float) -> float:
-        """Least time without servos, over run-ups."""
+    def _without_servos(self, start: float, goal: float) -> float:
+        """A(goal) (3), s: the least time under the greatest force, over run-ups."""
         backs = np.linspace(0.0, 1.0, 6) ** 2 * self._run_up
         return float(min(self._arrivals(start - self.direction * back, goal)[1][-1] for back in backs))
 
     def _arrivals(self, start: float, goal: float) -> tuple[np.ndarray, np.ndarray]:
-        """Places from start to goal, and when the wire that sets off at rest under the greatest force is there."""
+        """Places (k,) m from start to goal, and when a wire from rest under the greatest force is there, (k,) s."""
         start = min(max(start, 0.0), self.scenario.tract.length)
-        way = np.linspace(start, goal, int(np.ceil(abs(goal - start) / _SPACING)) + 1)
-        net, growth = np.interp(way, self.places, self.net), np.interp(way, self.places, self._growth)
-        _, seconds = traverse(way, net, growth, self.mass)
-        return way, np.r_[0.0, seconds.cumsum()]
+        places = np.linspace(start, goal, int(np.ceil(abs(goal - start) / _SPACING)) + 1)
+        net, growth = np.interp(places, self.places, self.net), np.interp(places, self.places, self._growth)
+        _, seconds = traverse(places, net, growth, self.mass)
+        return places, np.r_[0.0, seconds.cumsum()]
 
-    def _ahead(self, start: float, goal: float, magnet: float, held: float) -> tuple[np.ndarray, np.ndarray]:
-        """Times (k,) s since `held` while the servo's reach still counts, and x (k,) m: how far the tip can be then."""
+    def _farthest(self, start: float, goal: float, magnet: float, begin: float) -> tuple[np.ndarray, np.ndarray]:
+        """Times t after `begin`, (k,) s, while the servo limits the force, and the farthest places x(t) (5), m."""
         places, force = self._ordered(self.direction)
         first = max(int(np.searchsorted(places, self.direction * start - self._run_up)) - 1, 0)
         places, force = places[first:], np.maximum.accumulate(force[first:], axis=0)
@@ -135,22 +116,22 @@ class Fastest:
         share = -np.expm1(-_TICK * growth / self.mass)
         x = y = self.direction * start
         times, reached = [0.0], [x]
-        for k in range(round(held / _TICK) + 1, self._ticks() + 1):
+        for k in range(round(begin / _TICK) + 1, self._ticks() + 1):
             columns = self._arc(magnet, k)
             row = min(int(np.searchsorted(places, x + (y - x) * share)) + 1, len(places) - 1)
             y += max(float(force[row, columns].max()), 0.0) / growth * _TICK
             x += (y - x) * share
             if x >= self.direction * goal:
                 break
-            times.append(k * _TICK - held)
+            times.append(k * _TICK - begin)
             reached.append(x)
         return np.array(times), self.direction * np.array(reached)
 
-    def _held_back(self, start: float, magnet: float) -> tuple[float, float]:
-        """For how long the whole arc within the servo's reach drags the wire back, s, and the furthest it then is, m.
+    def _dragged_back(self, start: float, magnet: float) -> tuple[float, float]:
+        """For how long every angle within the servo's reach drags the wire back, s, and its farthest place then, m.
 
-        Its speed is at most that under the arc's least backward force, over all places that the least and the greatest
-        take it to; friction helps to stop it.
+        `high`, `fast` are place and speed under the arc's least backward force, `low`, `slow` under its greatest. The
+        forces count over all places between the two. Friction helps to stop the wire.
         """
         places, force = self._ordered(-self.direction)
         _, growth = self._resistance(-self.direction)
@@ -169,25 +150,25 @@ class Fastest:
         return self._ticks() * _TICK, self.direction * high
 
     def _ticks(self) -> int:
-        """Steps until the servo reaches every angle."""
-        return int(np.ceil(np.pi / float(self.library.dofs[0, 0, 0]) / _TICK))
+        """Number of steps until the servo reaches every angle."""
+        return int(np.ceil(np.pi / float(self.library.limits.speed[0, 0]) / _TICK))
 
     def _arc(self, magnet: float, ticks: int) -> np.ndarray:
-        """Columns of the angles that the servo reaches within so many steps, rounded outwards."""
+        """Columns of the angles that the servo reaches within `ticks` steps, rounded outwards."""
         column = 2 * np.pi / _ANGLES
         here = (magnet - float(self.library.home[0, 0]) + np.pi) / column
-        arc = float(self.library.dofs[0, 0, 0]) * ticks * _TICK / column
+        arc = float(self.library.limits.speed[0, 0]) * ticks * _TICK / column
         return np.arange(np.floor(here - arc), np.ceil(here + arc) + 1).astype(np.int64) % _ANGLES
 
     def _ordered(self, motion: int) -> tuple[np.ndarray, np.ndarray]:
-        """Places in the order of travel, signed by it, and the net force along the travel there, (places, angles) N.
+        """Places in the order of travel, times the direction, and the net force along the travel, (places, angles) N.
 
-        motion : which way the wire moves, and so which way friction points
+        motion : +1 or −1, the direction in which the wire moves; friction points against it
         """
         if motion not in self._tables:
-            places = Places(self.library, self._entries, self.places, motion)
+            tips = TipForces(self.library, self._entries, self.places, motion)
             angles = float(self.library.home[0, 0]) - np.pi + 2 * np.pi / _ANGLES * np.arange(_ANGLES)
-            net = np.stack([places.force(np.full((places.n, 1), angle)) for angle in angles], axis=1)
+            net = np.stack([tips.force(np.full((tips.n, 1), angle)) for angle in angles], axis=1)
             net -= self._resistance(motion)[0][:, None]
             self._tables[motion] = motion * self.direction * net + self._margin
         order = slice(None, None, self.direction)
@@ -195,12 +176,12 @@ class Fastest:
 
 
 def least_time(scenario: Scenario, start: float, goal: float, direction: int = 1, magnet: float | None = None) -> float:
-    """A time in s from `start` to `goal` (m) that no policy can beat, see this module; many starts: `Fastest`."""
+    """A time in s from `start` to `goal` (m) that no policy can beat; see `Fastest.least`, which is for many starts."""
     return Fastest(scenario, direction).least(start, goal, magnet)
 
 
 def _chain_less_curve(library: Library, tips: np.ndarray) -> np.ndarray:
-    """Force that bends the chain of segments as its tip moves on, less that of a continuous wire, (n,) N."""
+    """Force that bends the chain of segments as its tip moves on, less that for a continuous wire, (n,) N."""
     scenario, step = library.scenarios[0], 1e-4
     before, after = (_bending_energy(library, tips + shift) for shift in (-step, step))
     tract, rigidity = scenario.tract, scenario.wire.bending_rigidity
@@ -209,19 +190,18 @@ def _chain_less_curve(library: Library, tips: np.ndarray) -> np.ndarray:
 
 
 def _bending_energy(library: Library, tips: np.ndarray) -> np.ndarray:
-    """Energy of the joints and of the two half cells at the ends, of wires laid at rest behind `tips`, (n,) J."""
+    """Bending energy of wires laid at rest behind `tips`, (n,) J: the joints, and the half cells at the two ends."""
     n = len(tips)
-    arrays, lanes = LaneArrays(library, n), np.arange(n)
-    arrays.lay_at_rest(lanes, tips)
-    points, tangents = library.centreline(np.zeros(n, dtype=np.int64), arrays.arclengths())
+    sim, scenario = Simulator(library, n, lane_scenario=np.zeros(n, dtype=np.int64)), library.scenarios[0]
+    sim.lay(np.arange(n), Places(tips), np.broadcast_to(library.home[0], (n, library.dof)))
+    s, wire = sim.state().arclengths, scenario.wire
+    points, tangents = scenario.tract.position(s), scenario.tract.tangent(s[:, [0, -1]])
     segments = np.diff(points, axis=1)
     units = segments / np.linalg.norm(segments, axis=2, keepdims=True)
-    ends = tangents[:, [0, -1]] / np.linalg.norm(tangents[:, [0, -1]], axis=2, keepdims=True)
     joints = _angle(units[:, :-1], units[:, 1:])
-    halves = _angle(ends, units[:, [0, -1]])
-    wire = library.wire[0].reshape(library.nodes, -1)
-    bend, end = wire[1, a1.K_BEND // a1.LANES], wire[0, a1.K_END // a1.LANES]
-    return 0.5 * bend * (joints * joints).sum(axis=1) + 0.5 * end * (halves * halves).sum(axis=1)
+    halves = _angle(tangents, units[:, [0, -1]])
+    # The half cells at the two ends are twice as stiff as a joint.
+    return 0.5 * wire.bending_spring * ((joints * joints).sum(axis=1) + 2 * (halves * halves).sum(axis=1))
 
 
 def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The par as a bracket: of every episode the time that nothing beats, and the time of the best plan found."""
+"""The par as a bracket: for every episode a time that no policy beats, and the time of the best plan found."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from magwire_env.envs.vector_env import MagWireVectorEnv
 from magwire_env.physics.checks import whole
 from magwire_env.scenario import Scenario
 
-from ..evaluation.evaluator import EVALUATION_SEED
+from ..evaluation.episodes import EVALUATION_SEED
 from .bound import Fastest
 from .cache import Cache
 from .planner import best_plans
@@ -26,10 +26,10 @@ __all__ = ["Bracket", "bracket", "brackets", "least_times", "main", "nominal"]
 
 @dataclass(frozen=True, eq=False)
 class Bracket:
-    """Of n episodes the bounds on the least time that is possible.
+    """Bounds on the least possible time of n episodes.
 
-    lower : (n,) s, which no policy is below; 0 where nothing is known
-    upper : (n,) s (in a tracking task m of RMS error) of the best plan found; NaN if none succeeds
+    lower : (n,) s, no policy is faster; 0 where nothing is known
+    upper : (n,) s (in a tracking task m of RMS error), of the best plan found; NaN if no plan succeeds
     """
 
     lower: np.ndarray
@@ -43,33 +43,34 @@ class Bracket:
 
 
 def least_times(starts: Starts) -> np.ndarray:
-    """Times (n,) s below which no policy ends these episodes; 0 in a tracking task.
+    """Times (n,) s in which no policy can finish these episodes; 0 in a tracking task.
 
-    A target is reached at the earliest when the tip is at the near edge of its tolerance, and then has to be held; the
-    hold counts whole control periods, the first from the end of its first substep.
+    A target must be held within its tolerance at the end of every substep, for `Task.hold_periods` whole control
+    periods on end. So the tip is within the near edge of the tolerance by the end of the first substep of the first of
+    these periods, and the episode ends with the last of them (docs/par.md, equation 8).
     """
     fastest: dict[tuple[int, int], Fastest] = {}
     least = np.zeros(len(starts))
     timing, task = starts.library.timing, starts.task
-    for i in range(len(starts) if task.kind != "track" else 0):
+    for i in range(len(starts) if not task.kind.follows else 0):
         entry, tip, goal = int(starts.entries[i]), float(starts.tip[i]), float(starts.goal[i])
         direction = 1 if goal > tip else -1
-        if task.kind == "reach":
+        if task.kind.holds:
             goal -= direction * task.tolerance
         if (entry, direction) not in fastest:
             fastest[entry, direction] = Fastest(starts.library.scenarios[entry], direction)
         if direction * (goal - tip) > 0.0:
             magnet = float(starts.magnet[i, 0]) if starts.magnet.shape[1] == 1 else None
             least[i] = fastest[entry, direction].least(tip, goal, magnet)
-        if task.kind == "reach":
-            periods = np.ceil(task.hold / timing.control_period - 0.5 - 1e-9)
-            held = least[i] / timing.control_period + periods - 1.0 / timing.substeps
-            least[i] = np.ceil(held - 1e-9) * timing.control_period
+        if task.kind.holds:
+            period = timing.control_period
+            last = least[i] / period - 1.0 / timing.substeps + task.hold_periods(period)
+            least[i] = np.ceil(last - 1e-9) * period
     return least
 
 
 def brackets(starts: Starts, settings: Refinement | None = None, cache: Cache | None = None) -> Bracket:
-    """The bracket of every one of these episodes."""
+    """The bracket of each of these episodes."""
     plans = best_plans(starts, Refinement() if settings is None else settings, cache)
     return Bracket(least_times(starts), plans.time)
 
@@ -78,9 +79,9 @@ def nominal(
     scenario: Scenario, task: str | Task = "MagWire/Steer-v0", settings: Refinement | None = None,
     cache: Cache | None = None,
 ) -> Bracket:  # fmt: skip
-    """Of a steering task, the tip at the wire's length: first with the magnets where they pull best, then at home."""
+    """The bracket of a steering task with the tip at the wire's length and the magnets at their best, then at home."""
     env = _batch(task, 2, [scenario, scenario])
-    if env.core.task.kind != "steer":
+    if not env.core.task.kind.passes:
         raise ValueError(f"task must be a steering task to have a nominal start, got {env.core.task.id!r}")
     fastest, tip = Fastest(scenario), scenario.wire.length
     best = fastest.commands[int(np.abs(fastest.places - tip).argmin())]
@@ -93,10 +94,10 @@ def bracket(
     scenario: Scenario | str | Sequence[Scenario] | None = None, task: str | Task = "MagWire/Steer-v0",
     episodes: int = 200, seed: int = EVALUATION_SEED, settings: Refinement | None = None, cache: Cache | None = None,
 ) -> Bracket:  # fmt: skip
-    """Of the evaluation's first `episodes` starts.
+    """The bracket of the evaluation's first `episodes` starts.
 
-    scenario : one for all episodes or one each; by default the task's, and of a generated task's test split each of
-        the first tracts once
+    scenario : one for all episodes or one each; by default the task's, and in a generated task the first scenarios of
+        the test split, each once
     """
     n = whole("episodes", episodes, 1)
     env = _batch(task, n, scenario)
@@ -128,8 +129,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     scenario = Scenario.load(options.scenario) if options.scenario else task.scenario() if task.scenario else None
     print(f"{options.task}, scenario {scenario.name if scenario else 'of the test split, one an episode'}")
     print(f"{'start':52} {'lower':>9} {'upper':>9} {'gap':>7}")
-    unit = "m" if task.kind == "track" else "s"
-    if scenario is not None and task.kind == "steer":
+    unit = "m" if task.kind.follows else "s"
+    if scenario is not None and task.kind.passes:
         found = nominal(scenario, task, settings, cache)
         for i, where in enumerate(("at their best", "at home")):
             _line(f"tip at {scenario.wire.length:.3f} m, magnets {where}", found.lower[i], found.upper[i], unit)
@@ -143,7 +144,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             upper.mean(),
             unit,
         )
-    if reached.any() and task.kind != "track":
+    if reached.any() and not task.kind.follows:
         gaps = found.gap[reached]
         print(f"gap over these starts: mean {gaps.mean():.2%}, median {np.median(gaps):.2%}, largest {gaps.max():.2%}")
 

@@ -1,4 +1,4 @@
-"""Plans kept on disk, one file an episode, under a digest of all that a plan depends on."""
+"""Plans kept on disk, one file an episode, named by a digest of everything that a plan depends on."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .starts import Starts
 __all__ = ["VERSION", "Cache", "default_folder"]
 
 VERSION = 2
-"""Goes up when the planner finds other plans."""
+"""Goes up when a change of the planner makes it find other plans."""
 
 
 def default_folder() -> Path:
@@ -32,7 +32,7 @@ def default_folder() -> Path:
 
 
 class Cache:
-    """Plans in a folder, made when the first is stored.
+    """Plans in a folder, which is made when the first plan is stored.
 
     folder : by default `default_folder`
     """
@@ -41,10 +41,10 @@ class Cache:
         self.folder = default_folder() if folder is None else Path(folder)
 
     def keys(self, starts: Starts, settings: Any) -> list[str]:
-        """A digest an episode: of its scenario, task, start, goal or reference, the planner's settings and version."""
+        """A digest for every episode: of its scenario, task, start, goal or reference, planner settings and version."""
         task = starts.task
-        common = [VERSION, task.kind, task.tolerance, task.hold, starts.step_limit, asdict(settings)]
-        if task.kind != "reach":
+        common = [VERSION, task.kind.name, task.tolerance, task.hold, starts.step_limit, asdict(settings)]
+        if not task.kind.holds:
             common[2:4] = [None, None]
         head = json.dumps(common, sort_keys=True).encode()
         return [self._key(head, starts, i) for i in range(len(starts))]
@@ -61,7 +61,7 @@ class Cache:
         return self.folder / key[:2] / f"{key}.npz"
 
     def load(self, key: str) -> tuple[np.ndarray, float] | None:
-        """A plan (H, dof) of actions and its value; None if there is none or, with a warning, a damaged file."""
+        """A plan (H, dof) of actions and its value; None if there is none, or, with a warning, for a damaged file."""
         path = self.path(key)
         try:
             with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
@@ -69,10 +69,10 @@ class Cache:
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as failure:
-            warnings.warn(f"{path} is damaged and its plan is made again: {failure}", stacklevel=2)
+            warnings.warn(f"{path} is damaged, so its plan is made again: {failure}", stacklevel=2)
             return None
         if plan.ndim != 2 or not np.isfinite(plan).all() or not np.isfinite(value):
-            warnings.warn(f"{path} holds no plan, which is made again: shape {plan.shape}", stacklevel=2)
+            warnings.warn(f"{path} holds no plan, so it is made again: shape {plan.shape}", stacklevel=2)
             return None
         return plan, value
 
@@ -92,7 +92,7 @@ class Cache:
 
 @lru_cache(maxsize=4096)
 def _digest_of(scenario: Scenario) -> str:
-    """Of the scenario as it is saved, but for its name and for what readings suffer."""
+    """Digest of the scenario as it is saved, without its name and its sensing."""
     plain = scenario.replace(name="", sensing=type(scenario.sensing)())
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scenario.toml"

@@ -1,4 +1,4 @@
-"""Long-horizon refinement of plans in the full simulator: random changes in time windows, the best kept."""
+"""Refinement of whole plans in the simulator: try random changes in time windows and keep the best."""
 
 from __future__ import annotations
 
@@ -6,24 +6,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .starts import Trials, actions_of, commands_of
+from .starts import actions_of, commands_of
+from .trials import Trials
 
 __all__ = ["Refinement", "refine"]
 
 _SIZE, _LEAST, _MOST = 0.1, 0.002, 0.5
-"""First, smallest and largest size of a change, in a servo's periods of motion per period of the window's width."""
+"""First, smallest and largest size of a change: its height in servo travels of a control period, over the width of its
+window in control periods."""
 
 _CLOCKED = 0.1
-"""Share of the changes to a steering plan after which it goes on by the clock, and not by the tip's place."""
+"""Share of a steering plan's changes that are tried by the clock; the others follow the place of the tip."""
 
 
 @dataclass(frozen=True)
 class Refinement:
     """How long plans are refined, and how.
 
-    samples : changes tried of each plan and round
+    samples : number of changes tried for each plan in a round
     rounds : at most
-    patience : rounds without an improvement by `least` (s, or m of RMS error) after which a plan is left alone
+    patience : a plan is finished after so many rounds without an improvement by `least`
+    least : s, or m of RMS error
     seed : of the changes
     """
 
@@ -43,15 +46,15 @@ class Refinement:
 
 
 def refine(trials: Trials, plans: np.ndarray, settings: Refinement) -> tuple[np.ndarray, np.ndarray]:
-    """Plans (n, H, dof), as actions, made better → plans and their values (n,), see `Outcome.value`.
+    """Improve plans (n, H, dof), given as actions. Returns plans and their values (n,), see `Outcome.value`.
 
-    A round tries, of every plan: smooth bumps in random windows of one degree of freedom or of all, steps that stay,
-    shifts in time, the last change that helped once more, and the sum of those that helped, each by itself, in the
-    round before. The sizes adapt to what helps.
+    A round tries, for every plan: smooth bumps in random windows of one degree of freedom or of all, lasting steps,
+    shifts in time, the last change that helped once more, and the sum of all changes that helped by themselves in the
+    round before. The size of the changes grows after a success and shrinks after a failure.
     """
     starts, n = trials.starts, len(plans)
     library, entries, turns = starts.library, starts.entries, starts.library.is_turn
-    # What a servo cannot follow is out of a change's reach: rather the way the magnets go, if it is as good.
+    # Commands that a servo cannot follow are hard to change: replace them by the magnets' own course if it is as good.
     first = trials.run(np.arange(n), plans)
     followed = trials.run(np.arange(n), actions_of(library, entries, first.magnet))
     same = followed.value <= first.value + settings.least
@@ -62,7 +65,7 @@ def refine(trials: Trials, plans: np.ndarray, settings: Refinement) -> tuple[np.
     size, idle, score = np.full(n, _SIZE), np.zeros(n, dtype=np.int64), value.copy()
     last, joined = np.zeros(best.shape), np.zeros(best.shape)
     rng = np.random.default_rng(settings.seed)
-    pace = library.dofs[entries, :, 0] * starts.period
+    pace = library.limits.speed[entries] * starts.period
     k = settings.samples
     for _ in range(settings.rounds):
         rows = np.flatnonzero(idle < settings.patience)
@@ -75,7 +78,7 @@ def refine(trials: Trials, plans: np.ndarray, settings: Refinement) -> tuple[np.
         changes[:, 0], changes[:, 1] = last[rows, :horizon], joined[rows, :horizon]
         changes[:, 2] = 0.5 * changes[:, 1]
         tried = actions_of(library, entries[rows], course[:, None] + changes)
-        clocked = rng.random(k) < (_CLOCKED if starts.task.kind == "steer" else 1.0)
+        clocked = rng.random(k) < (_CLOCKED if starts.task.kind.passes else 1.0)
         follow = np.where(clocked[None, :, None], np.nan, tip[rows, None, :horizon])
         outcome = trials.run(
             np.repeat(rows, k),
@@ -107,7 +110,7 @@ def refine(trials: Trials, plans: np.ndarray, settings: Refinement) -> tuple[np.
 def _changes(
     rng: np.random.Generator, best: np.ndarray, steps: np.ndarray, pace: np.ndarray, size: np.ndarray, k: int
 ) -> np.ndarray:
-    """Changes (m, k, H, dof) of plans (m, H, dof); the same windows' places and widths, relative, for every plan."""
+    """Changes (m, k, H, dof) of plans (m, H, dof); all plans get the same windows, relative to their length."""
     _, horizon, dof = best.shape
     time = np.arange(horizon)
     middle = rng.uniform(-0.05, 1.05, k) * steps[:, None]
@@ -121,7 +124,7 @@ def _changes(
     mixed = rng.normal(size=(k, dof)) * np.where(rng.random(k)[:, None] < 0.5, alone, 1.0)
     scale = np.minimum(width, 8.0)[None, :, None] * size[:, None, None] * pace[:, None, :]
     bumps = shape[:, :, :, None] * (mixed[None] * scale)[:, :, None, :]
-    # A shift in time, a quarter of the changes: the plan's own course, earlier or later within the window.
+    # A quarter of the changes shift the plan's own course in time, within the window.
     course = np.gradient(best, axis=1) if horizon > 1 else np.zeros_like(best)
     shift = rng.normal(size=k)[None, :] * 10.0 * size[:, None]
     shifts = shape[:, :, :, None] * shift[:, :, None, None] * course[:, None]

@@ -8,32 +8,40 @@ from typing import Any
 
 import numpy as np
 
+from magwire_env.envs.core import SteeringCore
+from magwire_env.envs.kernels import FOLLOW, HOLD, PASS
 from magwire_env.envs.vector_env import MagWireVectorEnv
-from magwire_env.simulation.locked import algorithm1 as a1
+from magwire_env.simulation import Places
 
+from ..evaluation.episodes import Policy, episodes
 from . import dynamic_programming as dp
-from .force_table import SpeedTable, speed_tables
-from .starts import Starts, Trials, actions_of
+from .speed_table import SpeedTable, speed_tables
+from .starts import Starts, actions_of
+from .trials import Trials
 
 __all__ = ["by_controller", "by_dynamic_programming"]
 
 _FINE = 1e-3
-"""m between the rows about a target or a reference."""
+"""Spacing of the rows about a target or a reference, m."""
 
 _BAND = 31
-"""Rows about a reference."""
+"""Number of rows about a reference."""
 
 _BESIDE = 0.06
-"""A way to a target is looked for so far beyond its ends, m."""
+"""A way to a target may lead beyond its two ends by this much, m."""
 
 _SWEEPS, _TOLERANCE = 200, 1e-4
+"""Most sweeps of the recursion, and the change of the values, s, below which it stops."""
+
+_ASKED = {PASS: dp.TO_THE_END, HOLD: dp.TO_A_TARGET, FOLLOW: dp.ALONG_A_REFERENCE}
+"""What dynamic programming is asked for, by the rule of the kind of task."""
 
 _TOGETHER = 32
-"""Episodes whose values are kept at the same time."""
+"""Number of episodes whose value tables are in memory at the same time."""
 
 
 def by_dynamic_programming(trials: Trials) -> np.ndarray:
-    """Plans (n, H, 1), as actions, of what dynamic programming finds, ridden closed loop in the simulator."""
+    """Plans (n, H, 1), as actions: the policy of dynamic programming, run in closed loop in the simulator."""
     starts = trials.starts
     order = np.argsort(starts.entries, kind="stable")  # so that episodes of one scenario stand together
     plans = np.empty((len(starts), starts.step_limit, 1), dtype=np.float32)
@@ -41,7 +49,7 @@ def by_dynamic_programming(trials: Trials) -> np.ndarray:
         rows = order[first : first + _TOGETHER]
         entries, number = np.unique(starts.entries[rows], return_inverse=True)
         models = [_Model(table, starts.period) for table in speed_tables(starts.library, entries)]
-        plans[rows] = _ridden(trials, rows, [models[i] for i in number])
+        plans[rows] = _closed_loop(trials, rows, [models[i] for i in number])
     return plans
 
 
@@ -52,61 +60,58 @@ class _Model:
         self.speed, self.spacing, self.column = table.speed, table.spacing, 2 * np.pi / table.speed.shape[1]
         self.reach = table.servo * period / self.column
         self.carry = table.lag * -np.expm1(-period / table.lag)
-        self.way = dp.moves(table.speed, table.spacing, self.reach, period)
+        self.moves = dp.moves(table.speed, table.spacing, self.reach, period)
 
 
 def _solve(starts: Starts, i: int, model: _Model) -> tuple[np.ndarray, np.ndarray]:
-    """Values of episode i: of the way, and those of the hold or along the reference (else of no size)."""
-    period, goal, way = starts.period, float(starts.goal[i]), model.way
-    if starts.task.kind == "steer":
-        return dp.to_the_end(way, model.spacing, goal, model.reach, period, _SWEEPS, _TOLERANCE), _NONE
-    if starts.task.kind == "track":
+    """Value tables of episode i: over the whole way, and those of the hold or along the reference (else empty)."""
+    period, goal, moves = starts.period, float(starts.goal[i]), model.moves
+    if starts.task.kind.passes:
+        return dp.to_the_end(moves, model.spacing, goal, model.reach, period, _SWEEPS, _TOLERANCE), _NONE
+    if starts.task.kind.follows:
         reference = np.ascontiguousarray(starts.reference[i, : starts.step_limit + 1])
-        return _NONE[0], dp.along_a_reference(way, model.spacing, reference, _FINE, _BAND, model.reach, period)
+        return _NONE[0], dp.along_a_reference(moves, model.spacing, reference, _FINE, _BAND, model.reach, period)
     low, high = sorted((float(starts.tip[i]), goal))
     first = max(int((low - _BESIDE) / model.spacing), 0)
     last = min(int((high + _BESIDE) / model.spacing), len(model.speed) - 1)
+    hold = starts.task.hold_periods(period)
     return dp.to_a_target(
-        way, model.spacing, goal, starts.task.tolerance, hold_of(starts), _FINE, first, last, model.reach, period,
+        moves, model.spacing, goal, starts.task.tolerance, hold, _FINE, first, last, model.reach, period,
         _SWEEPS, _TOLERANCE,
     )  # fmt: skip
 
 
-def hold_of(starts: Starts) -> int:
-    """Control periods that a target must be held for."""
-    return int(np.ceil(starts.task.hold / starts.period - 0.5 - 1e-9))
-
-
-def _ridden(trials: Trials, rows: np.ndarray, models: list[_Model]) -> np.ndarray:
-    """Actions (m, H, 1) of the episodes `rows`, each step the turn of the best value."""
+def _closed_loop(trials: Trials, rows: np.ndarray, models: list[_Model]) -> np.ndarray:
+    """Actions (m, H, 1) of the episodes `rows`: in every step the turn of the best value."""
     starts, period = trials.starts, trials.starts.period
-    kind = ("steer", "reach", "track").index(starts.task.kind)
+    task, kind = starts.task, _ASKED[starts.task.kind.rule]
+    steering, tracking = kind == dp.TO_THE_END, kind == dp.ALONG_A_REFERENCE
     solved: dict[Any, tuple[np.ndarray, np.ndarray]] = {}
-    keys = [(id(model), starts.goal[i] if kind == 0 else i) for i, model in zip(rows, models, strict=True)]
+    keys = [(id(model), starts.goal[i] if steering else i) for i, model in zip(rows, models, strict=True)]
     for key, i, model in zip(keys, rows, models, strict=True):
         if key not in solved:
             solved[key] = _solve(starts, i, model)
-    m, hold, home = len(rows), hold_of(starts), starts.library.home[starts.entries[rows], 0]
-    arrays, goal, width = trials.lanes(rows), starts.goal[rows], starts.task.tolerance
-    left = np.full(m, hold)
+    m, hold, home = len(rows), task.hold_periods(period), starts.library.home[starts.entries[rows], 0]
+    sim, goal = trials.lanes(rows), starts.goal[rows]
+    left = np.full(m, hold)  # periods of the hold that are still to come
     command, actions = np.zeros((m, 1)), np.zeros((m, starts.step_limit, 1), dtype=np.float32)
     for step in range(starts.step_limit):
-        tip, speed, angle = arrays.result(a1.TIP_S), arrays.result(a1.TIP_V), arrays.q[0, :m].copy()
-        target = starts.reference[rows, step + 1] if kind == 2 else goal
+        tip, speed, angle = sim.travelled, sim.tip_velocity, sim.magnet[:, 0]
+        target = starts.reference[rows, step + 1] if tracking else goal
         for n, model in enumerate(models):
             values, more = solved[keys[n]]
             turn = dp.choose(
-                kind, model.speed, model.spacing, more[step + 1] if kind == 2 else values,
-                more if kind == 1 else _NONE, left[n], target[n], width, _FINE, model.reach, period, model.carry,
-                tip[n], speed[n], (angle[n] - home[n] + np.pi) / model.column,
+                kind, model.speed, model.spacing, more[step + 1] if tracking else values,
+                _NONE if steering or tracking else more, left[n], target[n], task.tolerance, _FINE, model.reach, period,
+                model.carry, tip[n], speed[n], (angle[n] - home[n] + np.pi) / model.column,
             )  # fmt: skip
             command[n, 0] = angle[n] + turn * model.column
         actions[:, step] = actions_of(starts.library, starts.entries[rows], command)
-        trials.act(arrays, actions[:, step].astype(np.float64))
-        trace = arrays.trace[1:, :m]
-        inside = (np.abs(trace - goal) <= width).all(axis=0)
+        trials.act(sim, actions[:, step].astype(np.float64))
+        trace = -sim.trace[1:, :m]
+        inside = (np.abs(trace - goal) <= task.tolerance).all(axis=0)
         left = np.where(inside, np.maximum(left - 1, 1), hold)
-        if kind == 0 and (trace.max(axis=0) >= goal).all():
+        if steering and (trace.max(axis=0) >= goal).all():
             actions[:, step + 1 :] = actions[:, step : step + 1]
             break
     return actions
@@ -115,8 +120,8 @@ def _ridden(trials: Trials, rows: np.ndarray, models: list[_Model]) -> np.ndarra
 _NONE = np.zeros((1, 1, 1))
 
 
-def by_controller(starts: Starts, policy: Callable[[Any], Any]) -> np.ndarray:
-    """Plans (n, H, dof), as actions: what a controller does that is made from a batch of the same starts.
+def by_controller(starts: Starts, policy: Callable[[Any], Policy]) -> np.ndarray:
+    """Plans (n, H, dof), as actions: what a controller does that `policy` makes for a batch of the same starts.
 
     Its readings are true, and nothing varies.
     """
@@ -128,23 +133,26 @@ def by_controller(starts: Starts, policy: Callable[[Any], Any]) -> np.ndarray:
             n, starts.task, scenario=[plain[e] for e in starts.entries],
             time_limit=starts.step_limit * starts.period,
         )  # fmt: skip
-    core = env.core
     actor = policy(env)
     env.reset(seed=0)
-    lanes = np.arange(n)
-    core.sim.lay(lanes, starts.tip, starts.magnet)
-    core.goal[:] = starts.goal
-    core.reference[:] = starts.reference
+    _begin_at(env.core, starts)
     commands = np.empty((n, starts.step_limit, library.dof))
-    state, first = None, np.ones(n, dtype=np.bool_)
-    running = first.copy()
-    for step in range(starts.step_limit):
-        action, state = actor.predict(core.observe(), state=state, episode_start=first)
-        _, terminated, _, _ = core.step(action)
-        commands[:, step] = core.sim.command.T
-        running &= ~terminated
-        first = np.zeros(n, dtype=np.bool_)
-        if not running.any():
-            commands[:, step + 1 :] = commands[:, step : step + 1]
-            break
+    for step, _ in enumerate(episodes(_WithoutResets(env.core), actor, env.core.observe(), restarts=False)):
+        commands[:, step:] = env.core.sim.command.T[:, None]  # the last command is held
     return actions_of(library, starts.entries, commands)
+
+
+def _begin_at(core: SteeringCore, starts: Starts) -> None:
+    """Put the episodes that have just begun in all lanes to `starts`."""
+    core.begin_at(np.arange(len(starts)), Places(starts.tip), Places(starts.goal), starts.magnet, starts.reference)
+
+
+class _WithoutResets:
+    """A core's lanes as a batch in which an episode that has ended just goes on."""
+
+    def __init__(self, core: SteeringCore) -> None:
+        self._core, self.num_envs = core, core.sim.num_envs
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        reward, terminated, truncated, info = self._core.step(action)
+        return self._core.observe(), reward, terminated, truncated, info

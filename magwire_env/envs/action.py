@@ -6,6 +6,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from ..physics.checks import one_of
+from ..scenario.rig import wrapped
 from ..simulation import Simulator
 from . import kernels
 
@@ -28,7 +29,7 @@ class Actuation:
         self._turns = sim.library.is_turn
         size = sum(2 if turn and mode == "direction" else 1 for turn in self._turns)
         self.space = Box(-1.0, 1.0, (size,), dtype=np.float32)
-        self._shape, self._kind, self._period = (sim.num_envs, size), MODES.index(mode), sim.control_period
+        self._shape, self._number, self._period = (sim.num_envs, size), MODES.index(mode), sim.control_period
 
     def command(self, action: np.ndarray) -> np.ndarray:
         """(n, size) numbers, clipped to [−1, 1] → (n, dof) rad and m. Raises `ValueError` for a wrong shape or NaN."""
@@ -41,20 +42,21 @@ class Actuation:
         action = np.asarray(action, dtype=np.float64)
         if action.shape != self._shape:
             raise ValueError(f"action must have shape {self._shape}, got {action.shape}")
-        arrays = self._sim.arrays
+        rig = self._sim.rig
         lane = kernels.command_of(
-            self._kind, np.ascontiguousarray(action), self._turns, self._period, arrays.dofs, arrays.q, command
+            self._number, np.ascontiguousarray(action), self._turns, self._period, rig.limits, rig.q, command
         )
         if lane >= 0:
             raise ValueError(f"action[{lane}] must be numbers in [-1, 1], got {action[lane].tolist()}")
 
     def action(self, command: np.ndarray) -> np.ndarray:
         """The action that gives a command: (n, dof) rad and m → (n, size) float32. What model-based controllers use."""
-        speed, low, high = self._dofs()
+        sim = self._sim
+        speed, low, high = sim.library.limits.of(sim.lane_scenario)
         if self.mode == "rate":
-            reach = speed * self._sim.control_period
-            return np.clip(self._short_way(command - self._sim.magnet) / reach, -1.0, 1.0).astype(np.float32)
-        share = self._short_way(command - 0.5 * (low + high)) / (0.5 * (high - low))
+            reach = speed * sim.control_period
+            return np.clip(wrapped(command - sim.magnet, self._turns) / reach, -1.0, 1.0).astype(np.float32)
+        share = wrapped(command - 0.5 * (low + high), self._turns) / (0.5 * (high - low))
         if self.mode == "angle":
             return np.clip(share, -1.0, 1.0).astype(np.float32)
         columns = []
@@ -63,15 +65,7 @@ class Actuation:
         return np.clip(np.stack(columns, axis=1), -1.0, 1.0).astype(np.float32)
 
     def turned(self, before: np.ndarray) -> np.ndarray:
-        """How far the magnets have come from `before` (n, dof), over what a servo covers in a control period."""
-        speed, _, _ = self._dofs()
-        return self._short_way(self._sim.magnet - before) / (speed * self._sim.control_period)
-
-    def _dofs(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Speed, lowest and highest of every degree of freedom, (n, dof) each."""
-        rows = self._sim.library.dofs[self._sim.lane_scenario]
-        return rows[:, :, 0], rows[:, :, 1], rows[:, :, 2]
-
-    def _short_way(self, gap: np.ndarray) -> np.ndarray:
-        """`gap` (n, dof) with its turns brought to [−π, π)."""
-        return np.where(self._turns, gap - 2 * np.pi * np.floor(gap / (2 * np.pi) + 0.5), gap)
+        """How far the rig has come from `before` (n, dof), over what a servo covers in a control period."""
+        sim = self._sim
+        speed = sim.library.limits.speed[sim.lane_scenario]
+        return wrapped(sim.magnet - before, self._turns) / (speed * sim.control_period)

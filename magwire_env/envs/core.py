@@ -14,30 +14,37 @@ import numpy as np
 from ..physics.checks import one_of, positive, whole
 from ..quasistatic import certificate
 from ..scenario import Scenario
-from ..simulation import Simulator
+from ..simulation import Places, Simulator
+from ..simulation.model import supports
 from . import kernels
 from .action import Actuation
-from .episode import DRAWS, beginnings, references
-from .observation import REFERENCE_OFFSETS, Observer
+from .episodes import Episodes
+from .kernels import VALUE
+from .observation import CHANNELS, Observer
 from .readings import Readings
-from .task import KINDS, TASKS, RewardWeights, Task
+from .rewards import TERMS, RewardTerm, RewardWeights, checked_terms, info_name
+from .task import TASKS, Task
 
 __all__ = ["OPTIONS", "SteeringCore"]
 
 OPTIONS = ("tip_arclength", "target", "magnet_angle")
 """What `reset(options=…)` takes: m, m, and rad (for slides m), each one number or one a lane."""
 
+_FIRST_TERM = VALUE.reward + 1
 
-_TERMS = (
-    ("reward/success", kernels.FOR_SUCCESS),
-    ("reward/progress", kernels.FOR_PROGRESS),
-    ("reward/time", kernels.FOR_TIME),
-    ("reward/wall", kernels.FOR_WALL),
-)
+_TOLD = (
+    ("cost", VALUE.cost), ("wall_force", VALUE.wall_force), ("path_ratio", VALUE.path_ratio), ("distance", VALUE.left),
+    ("unconverged", VALUE.unconverged),
+)  # fmt: skip
+"""What a step's `info` tells, and the row of `advance` that holds it."""
 
 
 class SteeringCore:
-    """Lanes, goals, rewards and ends; no autoreset and no random source of its own. See `MagWireEnv` for arguments."""
+    """Lanes, goals, rewards and ends; no autoreset and no random source of its own. See `MagWireEnv` for arguments.
+
+    sim, episodes : the simulator, and what is remembered of the running episodes
+    action : (n, size), the last one taken
+    """
 
     def __init__(
         self,
@@ -48,6 +55,7 @@ class SteeringCore:
         action_mode: str = "angle",
         observe: Sequence[str] | None = None,
         reward: str | RewardWeights = "dense",
+        reward_terms: Sequence[RewardTerm] = (),
         time_limit: float | None = None,
         safety: bool = False,
         split: str = "train",
@@ -64,66 +72,80 @@ class SteeringCore:
             scenarios if len(scenarios) > 1 else scenarios[0], num_envs, threads,
             np.zeros(num_envs, dtype=np.int64) if self._draws_scenario else None,
         )  # fmt: skip
-        self.actuation = Actuation(self.sim, action_mode)
-        self.observer = Observer(self, self.task.observe if observe is None else observe)
         self.time_limit = positive("time_limit", self.task.time_limit if time_limit is None else time_limit, "s")
         self.step_limit = max(1, round(self.time_limit / self.sim.control_period))
-        self._readings = Readings(self)
-        self._kind = KINDS.index(self.task.kind)
+        self.actuation = Actuation(self.sim, action_mode)
+        self.episodes = Episodes(self.sim, self.task, self.step_limit)
+        self.observer = Observer(self.sim, self.episodes, self.task.observe if observe is None else observe)
+        self._readings = Readings(self.sim, self.observer, self.step_limit)
+        self._watches_rig = any(CHANNELS[name].watches_rig for name in self.observer.names)
+        self._rule, self._follows = self.task.kind.rule, self.task.kind.follows
         self._safe = float(safety)
-        self._limit = np.array([sc.contact.wall_force_limit for sc in self.sim.library.scenarios])
+        self.reward_terms = checked_terms(reward_terms)
+        self.own_terms: dict[str, np.ndarray] = {}
         self._set_reward(reward)
-        n = self.sim.num_envs
-        self._lanes = np.ones((kernels.LANE_FIELDS, self.sim.arrays.out.shape[1]))
-        self.goal, self.steps = self._lanes[kernels.GOAL, :n], self._lanes[kernels.STEPS, :n]
-        ahead = round(max(REFERENCE_OFFSETS) / self.sim.control_period)
-        self.reference = np.zeros((n, self.step_limit + ahead + 1 if self.task.kind == "track" else 0))
-        self.turning: np.ndarray | None = np.zeros((n, self.sim.dof)) if "magnet_speed" in self.observer.names else None
+        self.action = np.zeros((self.sim.num_envs, *self.actuation.space.shape))
         self._varies = any(sc.variation for sc in self.sim.library.scenarios)
-        self.varied = {name: np.ones(n) for name in ("friction", "stiffness", "remanence")} if self._varies else {}
+        drawn = ("friction", "stiffness", "remanence") if self._varies else ()
+        self.varied = {name: np.ones(self.sim.num_envs) for name in drawn}
 
     def _set_reward(self, reward: str | RewardWeights) -> None:
         if isinstance(reward, str):
             one_of("reward", reward, ("dense", "sparse"))
         elif not isinstance(reward, RewardWeights):
             raise ValueError(f"reward must be 'dense', 'sparse' or RewardWeights, got {reward!r}")
-        sparse, w = reward == "sparse", reward if isinstance(reward, RewardWeights) else RewardWeights()
-        self._weights = np.array([1.0, 0.0, 0.0, 0.0] if sparse else [w.success, w.progress, w.time, w.wall])
-        self._terms = _TERMS[:1] if sparse else _TERMS
+        weights = reward if isinstance(reward, RewardWeights) else RewardWeights()
+        if reward == "sparse":
+            weights = RewardWeights(**{term.name: float(term.name == "success") for term in TERMS})
+        self._weights = np.array([getattr(weights, term.name) for term in TERMS])
+        shown = [term for term in TERMS if reward != "sparse" or term.name == "success"]
+        self._told = _TOLD + tuple((info_name(term.name), _FIRST_TERM + TERMS.index(term)) for term in shown)
+
+    @property
+    def goal(self) -> np.ndarray:
+        """(n,) m, the goals' arc lengths."""
+        return self.sim.goals().s
+
+    @property
+    def steps(self) -> np.ndarray:
+        """(n,) control steps of the running episodes so far."""
+        return self.episodes.steps
 
     def begin(self, lanes: np.ndarray, rngs: Sequence[np.random.Generator], options: dict[str, Any] | None) -> None:
         """Start episodes in `lanes`, each drawing from its own generator; nothing changes if an option is bad."""
         lanes = np.asarray(lanes, dtype=np.int64)
-        sim, task = self.sim, self.task
-        library, draws = sim.library, DRAWS[task.kind]
+        sim, kind = self.sim, self.task.kind
         entries = sim.lane_scenario[lanes]
         if self._draws_scenario:
-            entries = np.array([rng.integers(len(library.scenarios)) for rng in rngs])
+            entries = np.array([rng.integers(len(sim.library.scenarios)) for rng in rngs])
         # One number at a time: a third of the time of asking each generator for an array.
-        drawn = np.array([[rng.random() for _ in range(draws + sim.dof)] for rng in rngs])
-        wire, tract = library.wire_length[entries], library.tract_length[entries]
-        tip, goal = beginnings(task, drawn[:, :draws], wire, tract)
-        low, high = library.dofs[entries, :, 1:].transpose(2, 0, 1)
-        magnet = low + drawn[:, draws:] * (high - low)
+        drawn = np.array([[rng.random() for _ in range(kind.draws + sim.dof)] for rng in rngs])
+        start, goal = kind.begin(self.task, sim.library, entries, drawn[:, : kind.draws])
+        _, low, high = sim.library.limits.of(entries)
+        magnet = low + drawn[:, kind.draws :] * (high - low)
         if options:
-            tip, goal, magnet = self._overridden(options, lanes, tract, tip, goal, magnet)
+            start, goal, magnet = self._overridden(options, lanes, entries, start, goal, magnet)
         if self._draws_scenario or self._varies:
             sim.assign(lanes, entries)
         if self._varies:
             self._vary(lanes, entries, rngs)
-        sim.lay(lanes, tip, magnet)
-        if self.turning is not None:
-            self.turning[lanes] = 0.0
-        own = np.zeros((kernels.LANE_FIELDS, len(lanes)))
-        own[kernels.GOAL] = goal
-        own[kernels.DISTANCE] = goal - tip if task.kind == "steer" else np.abs(goal - tip)
-        own[kernels.START_DISTANCE] = task.tolerance if task.kind == "track" else own[kernels.DISTANCE]
-        own[kernels.WALL_LIMIT], own[kernels.TRACT_LENGTH] = self._limit[entries], tract
-        self._lanes[:, lanes] = own
-        if task.kind == "track":
-            times = sim.control_period * np.arange(self.reference.shape[1])
-            self.reference[lanes] = references(task, drawn[:, :draws], wire, tract, times)
+        reference = None
+        if kind.follows:
+            times = sim.control_period * np.arange(self.episodes.reference.shape[1])
+            reference = kind.reference(self.task, sim.library, entries, drawn[:, : kind.draws], times)
+        self.begin_at(lanes, start, goal, magnet, reference)
         self._readings.begin(lanes, rngs)
+
+    def begin_at(
+        self, lanes: np.ndarray, start: Places, goal: Places, magnet: np.ndarray, reference: np.ndarray | None = None
+    ) -> None:
+        """Start episodes in `lanes` (n,) with the tips at `start`, the rig at `magnet` (n, dof), as they are given.
+
+        reference : (n, steps) m, of a tracking task
+        """
+        self.sim.lay(lanes, start, magnet, goal)
+        self.episodes.begin(lanes, reference)
+        self.action[lanes] = 0.0
 
     def _vary(self, lanes: np.ndarray, entries: np.ndarray, rngs: Sequence[np.random.Generator]) -> None:
         """Draw this episode's friction, stiffness, remanence and placement about the scenario's own."""
@@ -142,78 +164,102 @@ class SteeringCore:
         self,
         options: dict[str, Any],
         lanes: np.ndarray,
-        tract: np.ndarray,
-        tip: np.ndarray,
-        goal: np.ndarray,
+        entries: np.ndarray,
+        start: Places,
+        goal: Places,
         magnet: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    ) -> tuple[Places, Places, np.ndarray]:
+        kind, n = self.task.kind, self.sim.num_envs
         if unknown := set(options) - set(OPTIONS):
             raise ValueError(f"options must be of {', '.join(OPTIONS)}; got {min(unknown)!r}")
-        n = self.sim.num_envs
-        if self.task.kind == "track" and ("target" in options or "tip_arclength" in options):
-            raise ValueError("options must be of magnet_angle alone in a tracking task, whose reference says the rest")
+        if not set(options) <= set(kind.takes):
+            raise ValueError(
+                f"options must be of {', '.join(kind.takes)} alone in a tracking task, whose reference says the rest"
+            )
+        end = self.sim.library.tract_length[entries]
+        tip, target = start.s, goal.s
         if "target" in options:
-            goal = _per_lane("target", options["target"], n, (), "m")[lanes]
-            if (goal <= 0).any() or (goal > tract).any():
+            target = _per_lane("target", options["target"], n, (), "m")[lanes]
+            if (target <= 0).any() or (target > end).any():
                 raise ValueError(
-                    f"options['target'] must lie in (0, {tract.min():.4g}] (in m), got {options['target']!r}"
+                    f"options['target'] must lie in (0, {end.min():.4g}] (in m), got {options['target']!r}"
                 )
         if "tip_arclength" in options:
             tip = _per_lane("tip_arclength", options["tip_arclength"], n, (), "m")[lanes]
-        limit = goal if self.task.kind == "steer" else tract
-        if (tip < 0).any() or (tip >= limit).any() or ((tip == goal).any() and self.task.kind != "track"):
+        limit = target if kind.passes else end
+        if (tip < 0).any() or (tip >= limit).any() or ((tip == target).any() and not kind.follows):
             raise ValueError(
-                f"options['tip_arclength'] must lie in [0, {'target' if self.task.kind == 'steer' else 'tract end'}) "
-                f"with the target at {goal.min():.4g} (in m), got {tip.tolist()}"
+                f"options['tip_arclength'] must lie in [0, {'target' if kind.passes else 'tract end'}) "
+                f"with the target at {target.min():.4g} (in m), got {tip.tolist()}"
             )
         if "magnet_angle" in options:
             magnet = _per_lane(
                 "magnet_angle", options["magnet_angle"], n, (self.sim.dof,), "rad for turns, m for slides"
             )[lanes]
-        return tip, goal, magnet
+        return Places(tip, start.branch), Places(target, goal.branch), magnet
 
     def reference_ahead(self, offsets: Sequence[float]) -> np.ndarray:
         """A tracking task's reference `offsets` s from now, (n, len(offsets)) m."""
-        if self.task.kind != "track":
-            raise ValueError(f"only a tracking task has a reference, got the task {self.task.id}")
-        steps = np.round(np.asarray(offsets) / self.sim.control_period).astype(np.int64)
-        return self.reference[np.arange(self.sim.num_envs)[:, None], self.steps[:, None].astype(np.int64) + steps]
+        return self.episodes.reference_ahead(np.asarray(offsets))
 
     def advance(self, action: np.ndarray) -> np.ndarray:
-        """One control period: action (n, size) → what it is worth, `kernels.VALUE_FIELDS` rows over n lanes or more."""
-        sim, task = self.sim, self.task
+        """One control period: action (n, size) → what it is worth, rows of `kernels.Value` over n lanes or more.
+
+        Raises `ValueError`, before anything moves, for a bad action, and `RuntimeError` if a wire's motion diverged.
+        """
+        sim, task, episodes = self.sim, self.task, self.episodes
         self.actuation.write(action, sim.command)
-        before = None if self.turning is None else sim.magnet
+        if self._follows:
+            episodes.move_goals()
+        before = sim.magnet if self._watches_rig else None
         sim.advance()
         if before is not None:
-            self.turning = self.actuation.turned(before)
-        if task.kind == "track":
-            now = np.minimum(self.steps.astype(np.int64) + 1, self.reference.shape[1] - 1)
-            self.goal[:] = self.reference[np.arange(sim.num_envs), now]
-        values = np.empty((kernels.VALUE_FIELDS, self._lanes.shape[1]))
-        kernels.judge(
-            sim.num_envs, self._kind, sim.arrays.out, sim.arrays.trace, self.step_limit, sim.control_period,
-            task.tolerance, task.hold, self._safe, self._weights, self._lanes, values,
+            episodes.turned = self.actuation.turned(before)
+        values = np.empty((len(VALUE), episodes.lanes.shape[1]))
+        diverged = kernels.judge(
+            sim.num_envs, self._rule, sim.readout, sim.trace, self.step_limit, sim.control_period,
+            task.tolerance, task.hold, self._safe, self._weights, episodes.lanes, values,
         )  # fmt: skip
+        if diverged >= 0:
+            scenario = sim.library.scenarios[sim.lane_scenario[diverged]]
+            raise RuntimeError(
+                f"the wire of lane {diverged} (scenario {scenario.name!r}) has diverged: its tip is at "
+                f"{sim.travelled[diverged]} m. Its numbers cannot be integrated at {scenario.timing}"
+            )
+        if self.reward_terms:
+            self.action[:] = action
+            self._add_terms(values)
         return values
+
+    def _add_terms(self, values: np.ndarray) -> None:
+        """Add the user's own terms to the reward."""
+        n = self.sim.num_envs
+        self.own_terms = {}
+        for term in self.reward_terms:
+            value = np.asarray(term.of(self), dtype=np.float64)
+            if value.shape != (n,) or not np.isfinite(value).all():
+                raise ValueError(f"reward term {term.name!r} must give {n} finite numbers, got {value!r}")
+            self.own_terms[info_name(term.name)] = term.weight * value
+            values[VALUE.reward, :n] += term.weight * value
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """One control period: action (n, size) → reward, terminated, truncated, info, every value an (n,) array."""
         values = self.advance(action)[:, : self.sim.num_envs]
-        success, terminated, truncated = values[kernels.SUCCESS :] > 0.0
-        return values[kernels.REWARD], terminated, truncated, self.info(values, success)
+        success, terminated, truncated = (
+            values[row] > 0.0 for row in (VALUE.success, VALUE.terminated, VALUE.truncated)
+        )
+        return values[VALUE.reward], terminated, truncated, self.info(values, success)
 
     def info(self, values: Any, success: Any, lane: int | None = None) -> dict[str, Any]:
-        """A step's `info` from rows of `advance`, or from one lane's column of them."""
-        return {
-            "is_success": success,
-            "cost": values[kernels.COST],
-            "wall_force": values[kernels.WALL_FORCE],
-            "path_ratio": values[kernels.PATH_RATIO],
-            "distance": values[kernels.LEFT],
-            **{name: values[row] for name, row in self._terms},
-            **self.drawn(lane),
-        }
+        """A step's `info` from rows of `advance` (rows, n), or from one lane's numbers (rows,)."""
+        info = {"is_success": success}
+        for name, row in self._told:
+            info[name] = values[row]
+        if self.own_terms:
+            info.update({k: v if lane is None else v[lane].item() for k, v in self.own_terms.items()})
+        if self.varied:
+            info.update(self.drawn(lane))
+        return info
 
     def drawn(self, lane: int | None = None) -> dict[str, Any]:
         """What `Variation` drew for the running episodes, (n,) arrays or one lane's numbers; empty without it."""
@@ -221,22 +267,23 @@ class SteeringCore:
 
     def start_info(self, lane: int | None = None) -> dict[str, Any]:
         """`info` of a reset: the target (m), and what was drawn."""
-        return {"target": self.goal.copy() if lane is None else self.goal[lane].item(), **self.drawn(lane)}
+        return {"target": self.goal if lane is None else self.sim.goal_of(lane), **self.drawn(lane)}
 
     def summary(self, lanes: np.ndarray) -> dict[str, np.ndarray]:
         """Of the episodes just ended in `lanes`, in arrays (n,): steps, time (s), forces (N), travel (rad and m)."""
-        sim = self.sim
+        sim, kind = self.sim, self.task.kind
         rows = np.zeros((len(kernels.SUMMARY), sim.num_envs))
-        kernels.summarise(lanes, self._kind, sim.arrays.trace, sim.control_period, self._lanes, rows)
-        summary = dict(zip(kernels.SUMMARY, rows, strict=True))
-        summary["steps"] = rows[0].astype(np.int64)
-        if self.task.kind != "track":
+        kernels.summarise(lanes, kind.rule, sim.trace, sim.control_period, self.episodes.lanes, rows)
+        summary: dict[str, np.ndarray] = dict(zip(kernels.SUMMARY, rows, strict=True))
+        for name in ("steps", "unconverged"):
+            summary[name] = summary[name].astype(np.int64)
+        if not kind.follows:
             del summary["rms_error"]
         return summary
 
     def observe(self) -> np.ndarray:
         """(n, size) float32."""
-        return self._readings.of(self.observer.read(self._lanes), self.steps)
+        return self._readings.of(self.observer.read(), self.episodes)
 
 
 def _scenarios(task: Task, given: Any, coupling: str | None, split: str, pool_size: int) -> list[Scenario]:
@@ -270,8 +317,13 @@ def _check_ways(task: Task, scenarios: Sequence[Scenario]) -> None:
 
 @lru_cache(maxsize=256)
 def _warn_uncertified(task: Task, scenario: Scenario) -> None:
-    """Warn, once a scenario and task, where nothing says that the task can be done; both ways unless it is steering."""
-    for direction in (1, -1)[: 1 if task.kind == "steer" else 2]:
+    """Warn, once a scenario and task, where nothing says that the task can be done, in every way it asks for.
+
+    Only the locked wire has a theory that can say so; scenarios of other wire models are not judged.
+    """
+    if not supports(scenario, "quasistatic"):
+        return
+    for direction in task.kind.directions:
         found = certificate(scenario, direction=direction, time_limit=task.time_limit)
         if not found.solvable:
             warnings.warn(f"scenario {scenario.name!r} has no certificate for {task.id}: {found}", stacklevel=5)

@@ -8,14 +8,17 @@ import gymnasium as gym
 import numpy as np
 
 from ..simulation import Simulator
-from . import kernels
+from . import renderer
 from .core import SteeringCore
+from .kernels import VALUE
 from .task import Task
 
 if TYPE_CHECKING:
     from ..render.frames import Frames, Window
 
 __all__ = ["MagWireEnv"]
+
+_REWARD, _SUCCESS, _TERMINATED, _TRUNCATED = VALUE.reward, VALUE.success, VALUE.terminated, VALUE.truncated
 
 
 class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -98,9 +101,7 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
         self._frames: Frames | None = None
         self._window: Window | None = None
         if render_mode is not None:
-            from ..render.frames import Frames
-
-            self._frames = Frames(self.core)
+            self._frames = renderer.frames(self.core)
 
     @property
     def simulator(self) -> Simulator:
@@ -125,13 +126,13 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
             raise gym.error.ResetNeeded("reset() must be called before step()")
         core = self.core
         values = core.advance(np.asarray(action)[None])[:, 0].tolist()
-        success, terminated, truncated = (x > 0.0 for x in values[kernels.SUCCESS :])
+        success, terminated, truncated = values[_SUCCESS] > 0.0, values[_TERMINATED] > 0.0, values[_TRUNCATED] > 0.0
         info = core.info(values, success, 0)
         if self.render_mode == "human":
             self._show()
         if terminated or truncated:
             info["summary"] = {k: v[0].item() for k, v in core.summary(np.zeros(1, dtype=np.int64)).items()}
-        return core.observe()[0], values[kernels.REWARD], terminated, truncated, info
+        return core.observe()[0], values[_REWARD], terminated, truncated, info
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
         """The present frame, (480, 640, 3) uint8, in the mode "rgb_array"; in "human" every step shows itself."""
@@ -154,9 +155,6 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
     def _show(self) -> None:
         if self.render_mode != "human" or self._frames is None:
             return
-        from ..render.frames import Window
-        from ..render.snapshot import snapshots
-
         if self._window is None:
-            self._window = Window(self._frames.size)
-        self._window.show(self._frames.surface(0, snapshots(self.core)[0]), self.metadata["render_fps"])
+            self._window = renderer.window(self._frames.size)
+        self._window.show(self._frames.surface(0, renderer.present(self.core)[0]), self.metadata["render_fps"])

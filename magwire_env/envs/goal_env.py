@@ -29,8 +29,8 @@ class MagWireGoalEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
     def __init__(self, task: str | Task = "MagWire/Reach-v0", render_mode: str | None = None, **settings: Any) -> None:
         self._env = MagWireEnv(task, render_mode, **settings)
         self.core = self._env.core
-        if self.core.task.kind != "reach":
-            raise ValueError(f"task must be of kind 'reach' for a goal env, got {self.core.task.id}")
+        if not self.core.task.kind.holds:
+            raise ValueError(f"task must be one whose target is held for a goal env, got {self.core.task.id}")
         self.render_mode = render_mode
         self.action_space = self._env.action_space
         place = gym.spaces.Box(-2.0, 2.0, (1,), dtype=np.float64)
@@ -67,7 +67,7 @@ class MagWireGoalEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def _length(self) -> float:
-        return float(self.core.sim.library.tract_length[self.core.sim.lane_scenario[0]])
+        return float(self.core.sim.route_length[0])
 
     def _goals(self, observation: np.ndarray) -> dict[str, np.ndarray]:
         achieved = self.core.sim.tip_arclength / self._length

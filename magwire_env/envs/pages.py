@@ -1,193 +1,180 @@
-"""One class a task, for its page: what it asks and how it differs from `MagWireEnv`, which does all the work."""
+"""A page for every task, as its env's docstring: made from the task, its channels and its rig when it is asked for.
+
+``help(gym.make("MagWire/Chase-v0").unwrapped)`` prints one; ``python -m magwire_env.envs.pages`` prints them all.
+"""
 
 from __future__ import annotations
 
+from functools import lru_cache
+from textwrap import fill, indent
 from typing import Any
 
+from ..scenario import Scenario
+from ..scenario.rig import Slide, Turn
 from .env import MagWireEnv
+from .rewards import TERMS, info_name
+from .task import TASKS, Task
 
-__all__ = ["PAGES", "Chase", "Dual", "Orient", "Reach", "Steer", "SteerAny", "Track"]
+__all__ = ["env_class", "make", "page"]
 
-
-class Steer(MagWireEnv):
-    __doc__ = MagWireEnv.__doc__
-
-    def __init__(self, task: str = "MagWire/Steer-v0", render_mode: str | None = None, **settings: Any) -> None:
-        super().__init__(task, render_mode, **settings)
-
-
-class Reach(MagWireEnv):
-    """Bring the tip to a random target, either way along the paper's tract, and hold it there.
-
-    ## Description
-    The paper's set-up (one magnet, one axis, coupling "force"). The target lies 50 mm or more ahead of the tip or
-    behind it; the wire is then pushed back by its tip.
-
-    ## Observation Space
-    As `MagWire/Steer-v0`'s; number 6, the way left / tract length, is negative for a target behind the tip.
-
-    ## Action Space
-    As `MagWire/Steer-v0`'s.
-
-    ## Dynamics
-    As `MagWire/Steer-v0`'s.
-
-    ## Reward
-    As `MagWire/Steer-v0`'s, with progress counted by the distance to the target, on either side of it.
-
-    ## Starting State
-    Tip uniform between the wire's length and 10 mm before the tract's end, target likewise but at least 50 mm away,
-    magnet angle uniform, at rest. `options` as `MagWire/Steer-v0`'s; `target` may lie on either side.
-
-    ## Episode End
-    Terminated when the tip has stayed within 5 mm of the target for 1 s (`is_success`), or leaves the tract backwards.
-    Truncated after 30 s. `summary["time"]` runs to the end of the holding.
-
-    ## Arguments
-    As `MagWireEnv`'s. `MagWire/ReachGoal-v0` is the same task as a goal env.
-
-    ## Version History
-    * v0: first
-    """
-
-    def __init__(self, task: str = "MagWire/Reach-v0", render_mode: str | None = None, **settings: Any) -> None:
-        super().__init__(task, render_mode, **settings)
+ABOUT = {
+    "Steer": "Bring the tip from just inside the tract to its end: the paper's set-up (Sections III-C and IV).",
+    "Reach": "Bring the tip to a random target, either way along the paper's tract, and hold it there.",
+    "Track": "Keep the tip on a reference that moves slowly to and fro along the paper's tract.",
+    "SteerAny": "Steer along a tract never seen before, with the paper's fixed one-axis magnet.",
+    "Orient": "Steer along a tract never seen before, with a fixed magnet that turns to any direction.",
+    "Chase": "Steer along a tract never seen before, with a magnet that slides above it and follows the tip.",
+    "Dual": "Steer along a tract never seen before, with one turning magnet above it and one below.",
+}
+"""By a task's name, what it asks."""
 
 
-class Track(MagWireEnv):
-    """Follow a moving reference along the paper's tract, both ways.
+class _Page:
+    """A docstring that is made when it is read."""
 
-    ## Description
-    The paper's set-up. The reference s(t) is a sum of three slow sines about a middle, drawn anew for every episode,
-    at most 30 mm/s fast and always inside the tract.
+    def __init__(self, task: str) -> None:
+        self._task = task
 
-    ## Observation Space
-    `MagWire/Steer-v0`'s seven numbers, then the reference now and in 0.5, 1 and 2 s, from the tip / 0.1 m, each within
-    ±10. Number 6, the way left, is to the reference now.
-
-    ## Action Space
-    As `MagWire/Steer-v0`'s.
-
-    ## Dynamics
-    As `MagWire/Steer-v0`'s.
-
-    ## Reward
-    ``reward/progress`` 10 for every 5 mm by which the error shrinks, ``reward/time`` −0.1 a step for every 5 mm of
-    error, ``reward/success`` 10 at the end if the RMS error is at most 5 mm, ``reward/wall`` as `MagWire/Steer-v0`'s.
-
-    ## Starting State
-    Tip on the reference, magnet angle uniform, at rest. `options` takes `magnet_angle` alone.
-
-    ## Episode End
-    Truncated after 30 s (`is_success` if the RMS error is at most 5 mm); terminated when the tip leaves the tract
-    backwards. `summary["rms_error"]` in m; `path_ratio` is 1 − error/5 mm.
-
-    ## Arguments
-    As `MagWireEnv`'s.
-
-    ## Version History
-    * v0: first
-    """
-
-    def __init__(self, task: str = "MagWire/Track-v0", render_mode: str | None = None, **settings: Any) -> None:
-        super().__init__(task, render_mode, **settings)
+    def __get__(self, instance: Any, owner: Any) -> str:
+        return page(self._task)
 
 
-_GENERATED = """
-    ## Observation Space
-    `MagWire/Steer-v0`'s channels, with every turn's sine and cosine and every slide's place in its range, then the
-    `tract_preview`: the centreline 0, 10, 20, 40, 60 and 80 mm ahead of the tip, as points from the first magnet's
-    centre / 0.1 m (18 numbers within ±10) and tangents (18 within ±1).
-
-    ## Dynamics
-    As `MagWire/Steer-v0`'s, under the scenario's own coupling.
-
-    ## Reward
-    As `MagWire/Steer-v0`'s.
-
-    ## Starting State
-    A certified scenario of the pool, tip at the wire's length ± 20 mm, the rig anywhere in its range, at rest.
-    Which scenario it is depends on the seed and the episode's number alone.
-
-    ## Episode End
-    As `MagWire/Steer-v0`'s, but truncated after 60 s.
-
-    ## Arguments
-    As `MagWireEnv`'s; `split="train"`, "test" or "ood" and `pool_size=` choose the pool, see
-    `magwire_env.quasistatic.pool` for what its tracts, wires and rigs are.
-
-    ## Version History
-    * v0: first
-    """
+def make(task: str, **settings: Any) -> MagWireEnv:
+    """The single env of a task: what `gym.make` calls."""
+    return env_class(task)(task, **settings)
 
 
-class SteerAny(MagWireEnv):
-    __doc__ = (
-        """Steer along a tract never seen before, with the paper's fixed one-axis magnet and coupling.
+@lru_cache
+def env_class(task: str) -> type[MagWireEnv]:
+    """`MagWireEnv` with the task's page as its docstring."""
+    name = _class_name(task)
+    return type(name, (MagWireEnv,), {"__doc__": _Page(task), "__module__": __name__, "__qualname__": name})
 
-    ## Description
-    Every episode has another generated tract, of which the certificate says that it can be steered.
 
-    ## Action Space
-    As `MagWire/Steer-v0`'s.
-"""
-        + _GENERATED
+def _class_name(task: str) -> str:
+    return "".join(c if c.isalnum() else "_" for c in task.rpartition("/")[2])
+
+
+def __getattr__(name: str) -> Any:
+    """The classes by name, so that envs can be pickled."""
+    for task in TASKS:
+        if name == _class_name(task):
+            return env_class(task)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+@lru_cache
+def page(task_id: str) -> str:
+    """The page of a registered task."""
+    task = TASKS[task_id]
+    scenario = _example(task)
+    name = task_id.rpartition("/")[2].rpartition("-")[0]
+    kind = task.kind
+    where = (
+        f"A certified scenario of the pool {task.pool!r}, see `magwire_env.quasistatic.pool`; which one depends on the "
+        "seed and the episode's number alone. "
+        if task.pool
+        else ""
     )
-
-    def __init__(self, task: str = "MagWire/SteerAny-v0", render_mode: str | None = None, **settings: Any) -> None:
-        super().__init__(task, render_mode, **settings)
-
-
-class Orient(MagWireEnv):
-    __doc__ = (
-        """Steer with a fixed magnet that turns to any direction, under the energy-consistent coupling.
-
-    ## Description
-    The magnet turns about y and then about z, so its moment may point anywhere; the tip feels force and torque.
-
-    ## Action Space
-    `Box(-1, 1, (2,), float32)`: the two angles, ±1 ↔ home ± π rad each.
-"""
-        + _GENERATED
-    )
-
-    def __init__(self, task: str = "MagWire/Orient-v0", render_mode: str | None = None, **settings: Any) -> None:
-        super().__init__(task, render_mode, **settings)
-
-
-class Chase(MagWireEnv):
-    __doc__ = (
-        """Steer with a magnet that follows the tip: it slides in x and y above the tract and turns about y.
-
-    ## Description
-    The rig of a robot arm over a patient, under the energy-consistent coupling.
-
-    ## Action Space
-    `Box(-1, 1, (3,), float32)`: the angle, ±1 ↔ home ± π rad, and the places in x and y, ±1 ↔ the slides' limits. The
-    servos are limited in speed.
-"""
-        + _GENERATED
-    )
-
-    def __init__(self, task: str = "MagWire/Chase-v0", render_mode: str | None = None, **settings: Any) -> None:
-        super().__init__(task, render_mode, **settings)
+    rewards = "\n".join(f"* ``{info_name(term.name)}``: {term.weight:g} {term.text}" for term in TERMS)
+    sections = {
+        "Description": [
+            f"{kind.__doc__} The magnetic tip of a soft wire is pulled along a tract by external magnets; the wire is "
+            f"locked to the tract's centreline, and the coupling is {scenario.coupling!r}, see `Scenario`."
+        ],
+        "Observation Space": [
+            "`Box(float32)`; other channels by name with `observe=`, see `magwire_env.envs.observation.CHANNELS`.",
+            _observation_table(task, scenario),
+        ],
+        "Action Space": [_ACTIONS, _action_table(scenario)],
+        "Dynamics": [
+            "The scenario's wire model, by default Algorithm 1 of the paper, see "
+            f"`magwire_env.simulation.locked.algorithm1`: {scenario.timing.control_period:g} s a control step."
+        ],
+        "Reward": [_REWARD, rewards],
+        "Starting State": [
+            f"{where}{kind.starts(task)} The rig stands anywhere in its range, and everything is at rest.",
+            f"`reset(options=…)` takes {', '.join(f'`{name}`' for name in kind.takes)} (m; rad for turns).",
+        ],
+        "Episode End": [
+            f"{kind.ends(task)} Terminated, too, when the tip leaves the tract backwards. Truncated after "
+            f"{task.time_limit:g} s."
+        ],
+        "Info, Arguments": ["See `MagWireEnv`."],
+        "Version History": ["* v0: first"],
+    }
+    parts = [ABOUT.get(name, f"The task {task_id}.")]
+    for title, paragraphs in sections.items():
+        parts += [f"## {title}\n" + "\n\n".join(map(_filled, paragraphs))]
+    return indent("\n\n".join(parts), "    ").strip() + "\n    "
 
 
-class Dual(MagWireEnv):
-    __doc__ = (
-        """Steer with two fixed magnets, one axis each, under the energy-consistent coupling.
-
-    ## Description
-    One magnet above the tract turns about y, one below about x; their fields add.
-
-    ## Action Space
-    `Box(-1, 1, (2,), float32)`: the two angles, ±1 ↔ home ± π rad each.
-"""
-        + _GENERATED
-    )
-
-    def __init__(self, task: str = "MagWire/Dual-v0", render_mode: str | None = None, **settings: Any) -> None:
-        super().__init__(task, render_mode, **settings)
+_ACTIONS = (
+    "Numbers beyond ±1 are clipped, NaN is refused. A servo moves each degree of freedom there at its limited speed, a "
+    'turn the short way round. `action_mode="rate"` commands the motion in one control period instead, `"direction"` '
+    "takes a turn's (cos, sin)."
+)
+_REWARD = (
+    'The sum of these terms, every one in `info`. Weights by `reward=RewardWeights(…)`; `reward="sparse"` is 1 on '
+    "success and 0 otherwise; terms of your own by `reward_terms=`."
+)
 
 
-PAGES = {f"MagWire/{page.__name__}-v0": page for page in (Steer, Reach, Track, SteerAny, Orient, Chase, Dual)}
+def _filled(text: str) -> str:
+    """A paragraph or a list in lines of at most 110 characters; a table as it is."""
+    if text.startswith("|"):
+        return text
+    lines = text.split("\n")
+    return "\n".join(fill(line, 110, subsequent_indent="  " if line.startswith("* ") else "") for line in lines)
+
+
+def _example(task: Task) -> Scenario:
+    """A scenario with the task's rig."""
+    if task.scenario is not None:
+        return task.scenario()
+    from ..quasistatic.pool import candidates
+
+    assert task.pool is not None
+    return candidates(task.pool, "train", 1)[0]
+
+
+def _observation_table(task: Task, scenario: Scenario) -> str:
+    from ..simulation import Simulator
+    from .episodes import Episodes
+    from .observation import CHANNELS, Observer
+
+    sim = Simulator(scenario)
+    observer = Observer(sim, Episodes(sim, task, 1), task.observe)
+    rows = []
+    for name in observer.names:
+        part, channel = observer.part(name), CHANNELS[name]
+        labels = [number.label for number in observer.numbers[part]]
+        if any(labels):
+            rows += [(str(part.start + i), label, channel.bound) for i, label in enumerate(labels)]
+        else:
+            count = part.stop - part.start
+            numbers = str(part.start) if count == 1 else f"{part.start}–{part.stop - 1}"
+            rows.append((numbers, f"`{name}`: {channel.text}", channel.bound))
+    lines = [f"| {num} | {text} | -{bound:g} | {bound:g} | 1 |" for num, text, bound in rows]
+    return "\n".join(["| Num | Observation | Min | Max | Unit |", "|-----|---|---|---|---|", *lines])
+
+
+def _action_table(scenario: Scenario) -> str:
+    lines = [f"| {number} | {text} | -1 | 1 | {unit} |" for number, (text, unit) in enumerate(action_rows(scenario))]
+    return "\n".join(["| Num | Action | Min | Max | ±1 stands for |", "|-----|---|---|---|---|", *lines])
+
+
+def action_rows(scenario: Scenario) -> list[tuple[str, str]]:
+    """What every number of the action commands, in order, and what ±1 stands for."""
+    rows = []
+    for name, dof in zip(scenario.rig.names, scenario.rig.dofs, strict=True):
+        if isinstance(dof, Turn):
+            rows.append((name, f"home {dof.home:.4g} rad ± π rad"))
+        else:
+            rows.append((name, f"{dof.low:.3g} and {dof.high:.3g} {'m' if isinstance(dof, Slide) else 'A'}"))
+    return rows
+
+
+if __name__ == "__main__":
+    for one in TASKS:
+        print(f"# {one}\n\n{page(one)}\n")

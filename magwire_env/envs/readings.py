@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from .core import SteeringCore
+from ..simulation import Simulator
+from .episodes import Episodes
+from .observation import Observer
 
 __all__ = ["Readings"]
 
@@ -19,13 +19,13 @@ class Readings:
     An episode's noise is drawn whole at its start, so that a lane's stream does not depend on its neighbours'.
     """
 
-    def __init__(self, core: SteeringCore) -> None:
-        self._core = core
-        scenarios = core.sim.library.scenarios
+    def __init__(self, sim: Simulator, observer: Observer, step_limit: int) -> None:
+        self._sim, self._bound = sim, observer.space.high
+        scenarios = sim.library.scenarios
         self.active = any(sc.sensing for sc in scenarios)
         if not self.active:
             return
-        numbers, lengths = core.observer.numbers, core.sim.library.tract_length
+        numbers, lengths = observer.numbers, sim.library.tract_length
         shape = (len(scenarios), len(numbers))
         self._noise, self._bias, self._step = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         for i, sc in enumerate(scenarios):
@@ -37,8 +37,8 @@ class Readings:
                     self._bias[i, j] = reading.bias / scale
                     self._step[i, j] = reading.step / scale
         self._delay = np.array([sc.sensing.delay for sc in scenarios])
-        n, size, depth = core.sim.num_envs, len(numbers), int(self._delay.max()) + 1
-        self._errors = np.zeros((n, core.step_limit + 1, size), dtype=np.float32)
+        n, size, depth = sim.num_envs, len(numbers), int(self._delay.max()) + 1
+        self._errors = np.zeros((n, step_limit + 1, size), dtype=np.float32)
         self._offsets = np.zeros((n, size))
         self._history = np.zeros((depth, n, size), dtype=np.float32)
 
@@ -46,7 +46,7 @@ class Readings:
         """Draw the errors of the episodes that begin in `lanes` (n,)."""
         if not self.active:
             return
-        entries = self._core.sim.lane_scenario[lanes]
+        entries = self._sim.lane_scenario[lanes]
         for lane, entry, rng in zip(lanes, entries, rngs, strict=True):
             self._offsets[lane] = self._bias[entry] * rng.standard_normal(self._offsets.shape[1])
             if self._noise[entry].any():
@@ -54,20 +54,19 @@ class Readings:
             else:
                 self._errors[lane] = 0.0
 
-    def of(self, truth: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """What is read where `truth` (n, size) stands, `steps` (n,) control steps into the episodes.
+    def of(self, truth: np.ndarray, episodes: Episodes) -> np.ndarray:
+        """What is read where `truth` (n, size) stands, at the present step of the episodes.
 
         Reading the same step twice gives the same: each step has its own error and its own place in the history.
         """
         if not self.active:
             return truth
-        lanes, entries = np.arange(len(truth)), self._core.sim.lane_scenario
-        steps = np.minimum(steps.astype(np.int64), self._errors.shape[1] - 1)
+        lanes, entries = np.arange(len(truth)), self._sim.lane_scenario
+        steps = np.minimum(episodes.steps, self._errors.shape[1] - 1)
         seen = truth + self._offsets + self._errors[lanes, steps]
         step = self._step[entries]
         seen = np.where(step > 0, np.round(seen / np.where(step > 0, step, 1.0)) * step, seen)
-        bound = self._core.observer.space.high
         # Each lane keeps its own last `delay` + 1 readings; before that many steps the first one is still seen.
         depth = self._delay[entries] + 1
-        self._history[steps % depth, lanes] = np.clip(seen, -bound, bound)
+        self._history[steps % depth, lanes] = np.clip(seen, -self._bound, self._bound)
         return self._history[np.maximum(steps - depth + 1, 0) % depth, lanes]

@@ -2,46 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ..physics.checks import non_negative, one_of, positive
+from ..physics.checks import positive
+from ..quasistatic.certificate import GOAL_MARGIN, START_SPREAD
 from ..scenario import Scenario
-from .observation import DEFAULT
+from .kinds import KINDS, Kind
+from .rewards import RewardWeights
 
-__all__ = ["KINDS", "TASKS", "RewardWeights", "Task"]
+__all__ = ["DEFAULT_CHANNELS", "TASKS", "RewardWeights", "Task", "register_task"]
 
-KINDS = ("steer", "reach", "track")
-"""Drive the tip to the end; to a target either way, and hold it there; along a moving reference."""
-
-
-@dataclass(frozen=True)
-class RewardWeights:
-    """Weights of the reward's terms, every one echoed in `info` as ``reward/…``.
-
-    progress : for the whole way from the start to the goal, paid as it is covered (potential-based); in a tracking
-        task for each tolerance by which the distance shrinks
-    success : once, on reaching the goal
-    time : cost of each control step; in a tracking task of each step and tolerance of distance. An end without success
-        before the time limit pays for the steps that were left too, so that giving up never pays
-    wall : cost of each control step for each newton of wall force above the scenario's limit
-    """
-
-    progress: float = 10.0
-    success: float = 10.0
-    time: float = 0.1
-    wall: float = 0.5
-
-    def __post_init__(self) -> None:
-        for name in ("progress", "success", "time", "wall"):
-            object.__setattr__(self, name, non_negative(f"RewardWeights.{name}", getattr(self, name)))
+DEFAULT_CHANNELS = ("tip_arclength", "tip_speed", "drive_force", "lateral_force", "magnet", "distance_left")
+"""What a policy sees where a task says nothing else."""
 
 
 @dataclass(frozen=True)
 class Task:
     """A task.
 
-    kind : of `KINDS`
+    kind : a `Kind`, or the name of one of `KINDS`
     scenario : makes the default scenario; or
     pool : the kind of certified scenarios, see `magwire_env.quasistatic.pool`, that every episode draws one from
     start_spread : m; a steering episode starts with the tip at the wire's length plus or minus this, uniform
@@ -54,35 +35,68 @@ class Task:
     """
 
     id: str
-    kind: str = "steer"
+    kind: Kind = KINDS["steer"]
     scenario: Callable[[], Scenario] | None = None
     pool: str | None = None
-    start_spread: float = 0.02
-    goal_margin: float = 0.01
+    start_spread: float = START_SPREAD
+    goal_margin: float = GOAL_MARGIN
     tolerance: float = 5e-3
     hold: float = 1.0
     reference_speed: float = 0.03
     time_limit: float = 30.0
-    observe: tuple[str, ...] = DEFAULT
+    observe: tuple[str, ...] = DEFAULT_CHANNELS
 
     def __post_init__(self) -> None:
-        one_of("Task.kind", self.kind, KINDS)
+        if isinstance(self.kind, str) and self.kind in KINDS:
+            object.__setattr__(self, "kind", KINDS[self.kind])
+        if not isinstance(self.kind, Kind):
+            raise ValueError(f"Task.kind must be a Kind or one of {', '.join(map(repr, KINDS))}, got {self.kind!r}")
         positive("Task.time_limit", self.time_limit, "s")
         if (self.scenario is None) == (self.pool is None):
             raise ValueError(f"Task must have either a scenario or a pool, got {self.scenario} and {self.pool}")
 
+    def hold_periods(self, control_period: float) -> int:
+        """Whole control periods for which a target must be held: half a period of slack, so that their sum need not be
+        exact."""
+        return max(1, math.ceil(self.hold / control_period - 0.5 - 1e-9))
 
-_AHEAD = (*DEFAULT, "tract_preview")
+
+_AHEAD = (*DEFAULT_CHANNELS, "tract_preview")
+_STEER, _REACH, _TRACK = (KINDS[name] for name in ("steer", "reach", "track"))
 
 TASKS = {
     task.id: task
     for task in (
-        Task("MagWire/Steer-v0", "steer", Scenario.paper),
-        Task("MagWire/Reach-v0", "reach", Scenario.paper),
-        Task("MagWire/Track-v0", "track", Scenario.paper, observe=(*DEFAULT, "reference_preview")),
-        Task("MagWire/SteerAny-v0", "steer", pool="SteerAny", time_limit=60.0, observe=_AHEAD),
-        Task("MagWire/Orient-v0", "steer", pool="Orient", time_limit=60.0, observe=_AHEAD),
-        Task("MagWire/Chase-v0", "steer", pool="Chase", time_limit=60.0, observe=_AHEAD),
-        Task("MagWire/Dual-v0", "steer", pool="Dual", time_limit=60.0, observe=_AHEAD),
+        Task("MagWire/Steer-v0", _STEER, Scenario.paper),
+        Task("MagWire/Reach-v0", _REACH, Scenario.paper),
+        Task("MagWire/Track-v0", _TRACK, Scenario.paper, observe=(*DEFAULT_CHANNELS, "reference_preview")),
+        Task("MagWire/SteerAny-v0", _STEER, pool="SteerAny", time_limit=60.0, observe=_AHEAD),
+        Task("MagWire/Orient-v0", _STEER, pool="Orient", time_limit=60.0, observe=_AHEAD),
+        Task("MagWire/Chase-v0", _STEER, pool="Chase", time_limit=60.0, observe=_AHEAD),
+        Task("MagWire/Dual-v0", _STEER, pool="Dual", time_limit=60.0, observe=_AHEAD),
     )
 }
+
+
+def register_task(task: Task) -> None:
+    """Make a task of your own known to `gym.make`, `gym.make_vec` and every command that takes a task's id.
+
+    Raises `ValueError` for an id that exists.
+
+    >>> import gymnasium as gym, magwire_env
+    >>> from magwire_env.envs.task import Task, register_task
+    >>> register_task(Task("Mine/Far-v0", "steer", magwire_env.Scenario.paper, goal_margin=0.2, time_limit=20.0))
+    >>> round(float(gym.make("Mine/Far-v0").reset(seed=0)[1]["target"]), 3)
+    0.6
+    """
+    import gymnasium as gym
+
+    if task.id in TASKS or task.id in gym.registry:
+        raise ValueError(f"task.id must be new, got {task.id!r}, which is registered already")
+    TASKS[task.id] = task
+    gym.register(
+        id=task.id,
+        entry_point="magwire_env.envs.pages:make",
+        vector_entry_point="magwire_env.envs.vector_env:MagWireVectorEnv",
+        kwargs={"task": task.id},
+    )

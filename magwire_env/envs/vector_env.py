@@ -13,6 +13,7 @@ from gymnasium.vector.utils import batch_space
 
 from ..physics.checks import one_of
 from ..simulation import Simulator
+from . import renderer
 from .core import SteeringCore
 from .task import Task
 
@@ -71,9 +72,7 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ValueError(f"render_lanes must lie in [0, {num_envs - 1}], got {bad[0]}")
         self._frames: Frames | None = None
         if render_mode is not None:
-            from ..render.frames import Frames
-
-            self._frames = Frames(self.core)
+            self._frames = renderer.frames(self.core)
 
     @property
     def simulator(self) -> Simulator:

@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from ..physics.checks import one_of
+from ..plotting import styled
 from . import drawings, forces, rods
-from .page import Page, styled
+from .page import Page
 
 __all__ = ["FIGURES", "Page", "draw"]
 

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from ..physics import BlockMagnet, Tract
+from ..plotting import BLACK, BLUE, GREEN, GREY, ORANGE, RED, blank
 from ..scenario import ActuatedMagnet, Scenario
 from ..simulation import Simulator, best_command
-from .page import BLACK, BLUE, GREEN, GREY, ORANGE, RED, Page, blank
+from .page import Page
 
 __all__ = ["block_size", "setup", "wire_model"]
 

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..physics import field, force
+from ..plotting import BLACK, BLUE, GREEN, GREY, ORANGE, RED, SEQUENCE, blank, broken
 from ..scenario import Rig, Scenario
 from ..simulation import best_command, drive_at, force_map
 from .drawings import block_size
-from .page import BLACK, BLUE, GREEN, GREY, ORANGE, RED, SEQUENCE, Page, blank, broken
+from .page import Page
 
 __all__ = ["against_angle", "best_angle", "coupling", "flux"]
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..physics import DipoleCloud, FreeRod, RodPath
+from ..plotting import BLACK, GREY, ORANGE, RED, SEQUENCE, blank, broken
 from ..scenario import Scenario
-from .page import BLACK, GREY, ORANGE, RED, SEQUENCE, Page, blank, broken
+from .page import Page
 
 __all__ = ["approaching", "turning"]
 

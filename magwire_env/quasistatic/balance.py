@@ -1,70 +1,54 @@
-"""The quasi-static balance of a whole wire that slides along its tract: what its tail holds against the tip.
+"""The quasi-static balance of a whole wire that slides along its tract: the force that the tip must supply.
 
-In a wire that moves as one along the tract, let T be the tension of its springs and N = T + ½ E I κ². The joints of a
-wire of bending energy ½ E I κ² a metre push with ½ E I (κ²)′ a metre along it and pull with E I κ² at its two ends
-(from the energy, by arc length and by stretch), so both ends are free where N + ½ E I κ² balances the outer force, and
+The wire moves as one along the tract. T is the tension of its springs, E I its bending rigidity, κ the tract's
+curvature, and N = T + ½ E I κ². The bending energy is ½ E I κ² a metre. Its derivative by arc length says that the
+joints push with ½ E I (κ²)′ a metre along the wire; its derivative by stretch, that they pull with E I κ² at both ends.
+So the balance along the wire, and its conditions at the two ends, are
 
     N′ = ± μ |T κ n + w⊥| − w·t ± c v,      N(tail) = −½ E I κ²,      force at the tip = N + ½ E I κ²
 
-with weight w and drag c a metre, the upper sign moving forward. The lateral load is that of the kernel: T and not N, so
-the bending reaction is left out, and the capstan is the case E I = w = 0. The tail's condition is known, hence one
-integration from the tail to the tip gives the force the tip must supply, whatever the magnet does. Moving backwards it
-is the tip that pushes: T < 0 and grows in size from the tail to the tip, by the same formula.
+with weight w and drag c a metre; the upper sign holds for forward motion. As in the kernel, the lateral load is that of
+T and not of N: the bending reaction is left out. With E I = 0 and w = 0 this is the capstan equation. The condition at
+the tail is known, so one integration from the tail to the tip gives the force at the tip, whatever the magnet does.
+When the wire moves backwards, the tip pushes it: T < 0, and its size grows towards the tip by the same formula.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numba import njit
 
 from ..scenario import Scenario
+from ..simulation.centreline import COURSE, curve_at, tables
+from ..simulation.compiled import kernel
+from ..simulation.vectors import dot
 
 __all__ = ["Tails"]
 
 _STEP = 2e-3
-"""Largest step of the integration along the wire, m (Heun)."""
+"""Largest step of the integration along the wire by Heun's method, m."""
 
-_JIT: dict[str, Any] = {
-    "cache": True,
-    "nogil": True,
-    "error_model": "numpy",
-    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
-}
-
-FIRST_ROW, LAST_ROW, SPACING, PERIOD, LENGTH, STIFFNESS, WX, WY, WZ, MU, DRAG = range(11)
+LENGTH, RIGIDITY, WX, WY, WZ, MU, DRAG = range(len(COURSE), len(COURSE) + 7)
+"""Columns of a scenario's row; its `Course` comes first."""
 
 
-@njit(**_JIT)
-def _row_at(s, par, table):
-    """The table's row at arc length `s`, and the distance from its start."""
-    if par[PERIOD] > 0.0:
-        s = s - par[PERIOD] * np.floor(s / par[PERIOD])
-    row = min(max(np.floor(s / par[SPACING]) + 1.0, 0.0), par[LAST_ROW])
-    return table[np.int64(par[FIRST_ROW] + row)], s - (row - 1.0) * par[SPACING]
-
-
-@njit(**_JIT)
-def _course(s, par, table):
+@kernel
+def _curve_and_weight(s: float, par: np.ndarray, table: np.ndarray) -> tuple[float, float, float, float]:
     """Curvature squared, weight along the tangent, weight along κ n, and the weight across the tract squared."""
-    c, u = _row_at(s, par, table)
-    kx, ky, kz = 2.0 * c[6] + 6.0 * u * c[9], 2.0 * c[7] + 6.0 * u * c[10], 2.0 * c[8] + 6.0 * u * c[11]
-    tx = c[3] + u * (2.0 * c[6] + 3.0 * u * c[9])
-    ty = c[4] + u * (2.0 * c[7] + 3.0 * u * c[10])
-    tz = c[5] + u * (2.0 * c[8] + 3.0 * u * c[11])
-    wx, wy, wz = par[WX], par[WY], par[WZ]
-    along = wx * tx + wy * ty + wz * tz
-    across = max(wx * wx + wy * wy + wz * wz - along * along, 0.0)
-    return kx * kx + ky * ky + kz * kz, along, wx * kx + wy * ky + wz * kz, across
+    _, t, k = curve_at(s, par, table)
+    w = par[WX], par[WY], par[WZ]
+    along = dot(w, t)
+    return dot(k, k), along, dot(w, k), max(dot(w, w) - along * along, 0.0)
 
 
-@njit(**_JIT)
-def _slope(force, per_speed, course, par, direction):
-    """d/ds of N and of its derivative by speed."""
+@kernel
+def _slope(
+    force: float, per_speed: float, course: tuple[float, float, float, float], par: np.ndarray, direction: float
+) -> tuple[float, float]:
+    """d/ds of N, and d/ds of N's derivative by speed. `course` is of `_curve_and_weight`."""
     k2, along, bent, across = course
-    tension = force - 0.5 * par[STIFFNESS] * k2
+    tension = force - 0.5 * par[RIGIDITY] * k2
     load2 = tension * tension * k2 + 2.0 * tension * bent + across
     load = np.sqrt(max(load2, 0.0))
     rub = direction * par[MU]
@@ -72,48 +56,49 @@ def _slope(force, per_speed, course, par, direction):
     return rub * load - along, rub * grows * per_speed + par[DRAG]
 
 
-@njit(**_JIT)
-def _integrate(tips, entries, par, table, direction, force, per_speed):
-    """For every lane the force at the tip (N) and its growth with speed (N·s/m), both signed along the tract."""
+@kernel
+def _integrate(
+    tips: np.ndarray,
+    entries: np.ndarray,
+    par: np.ndarray,
+    table: np.ndarray,
+    direction: float,
+    force: np.ndarray,
+    per_speed: np.ndarray,
+) -> None:
+    """Write, for every tip, the force there (N) and its growth with speed (N·s/m), both signed along the tract."""
     for i in range(len(tips)):
         p = par[entries[i]]
         steps = max(1, int(np.ceil(p[LENGTH] / _STEP)))
         h = p[LENGTH] / steps
         s = tips[i] - p[LENGTH]
-        here = _course(s, p, table)
-        n, x = -0.5 * p[STIFFNESS] * here[0], 0.0
+        here = _curve_and_weight(s, p, table)
+        n, x = -0.5 * p[RIGIDITY] * here[0], 0.0
         for k in range(1, steps + 1):
-            there = _course(s + k * h, p, table)
+            there = _curve_and_weight(s + k * h, p, table)
             dn, dx = _slope(n, x, here, p, direction)
             en, ex = _slope(n + h * dn, x + h * dx, there, p, direction)
             n, x = n + 0.5 * h * (dn + en), x + 0.5 * h * (dx + ex)
             here = there
-        force[i], per_speed[i] = n + 0.5 * p[STIFFNESS] * here[0], x
+        force[i], per_speed[i] = n + 0.5 * p[RIGIDITY] * here[0], x
 
 
 class Tails:
-    """The wires and tracts of scenarios, as numbers; see `pull`."""
+    """The wires and tracts of scenarios, ready for `resistance`."""
 
     def __init__(self, scenarios: Sequence[Scenario]) -> None:
-        first: dict = {}
-        tables, rows = [], 0
-        for sc in scenarios:
-            if sc.tract not in first:
-                first[sc.tract] = rows
-                tables.append(sc.tract.table)
-                rows += len(sc.tract.table)
-        self._table = np.ascontiguousarray(np.vstack(tables))
-        self._par = np.array([_row(sc, first[sc.tract]) for sc in scenarios])
+        self._table, courses = tables([sc.tract for sc in scenarios])
+        self._par = np.hstack([courses, [_row(sc) for sc in scenarios]])
 
-    def pull(self, entries: np.ndarray, tips: np.ndarray, direction: float) -> tuple[np.ndarray, np.ndarray]:
-        """What the tip must supply to move the wire behind it.
+    def resistance(self, entries: np.ndarray, tips: np.ndarray, direction: float) -> tuple[np.ndarray, np.ndarray]:
+        """The force that the tip must supply to move the wire behind it.
 
         entries : (n,) number of the scenario
         tips : (n,) m, arc length of the tip
         direction : +1 forward, −1 backward
 
-        Returns the force along the direction of motion at a standstill (n,) N, friction fully against the motion, and
-        its growth with speed (n,) N·s/m.
+        Returns the force (n,) N along the direction of motion at a standstill, with the whole friction against the
+        motion, and its growth with speed (n,) N·s/m.
         """
         tips = np.ascontiguousarray(tips, dtype=np.float64)
         force, per_speed = np.empty_like(tips), np.empty_like(tips)
@@ -122,11 +107,7 @@ class Tails:
         return direction * force, per_speed
 
 
-def _row(sc: Scenario, first_row: int) -> list[float]:
-    tract, wire = sc.tract, sc.wire
+def _row(sc: Scenario) -> list[float]:
+    wire = sc.wire
     weight = wire.mass / wire.length * np.asarray(sc.gravity)
-    period = tract.length if tract.closed else 0.0
-    return [
-        first_row, len(tract.table) - 1, tract.row_spacing, period, wire.length, wire.bending_rigidity, *weight,
-        sc.contact.friction, sc.contact.drag,
-    ]  # fmt: skip
+    return [wire.length, wire.bending_rigidity, *weight, sc.contact.friction, sc.contact.drag]

@@ -1,8 +1,9 @@
 """Certificates: whether a rig can pull a wire along a tract at all, where it first cannot, and how long it takes.
 
-At every tip position the quasi-static balance of the whole wire (`balance`) says what the tip must supply, and the
-command of greatest net force (`netforce`) what it can. The difference is the margin; a wire that keeps a positive one
-from the start to the goal gets there. It moves at the speed at which drag takes the margin up, so its time follows.
+At every tip position the quasi-static balance of the whole wire (`balance`) gives the force that the tip must supply,
+and the command of greatest net force (`net_force`) gives the force that it can supply. The difference is the margin. A
+wire with a positive margin from the start to the goal gets there. Drag and inertia use the margin up, which gives the
+wire's speed and the time of the whole way.
 """
 
 from __future__ import annotations
@@ -12,33 +13,35 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ..physics.checks import non_negative, positive
 from ..scenario import Scenario
-from ..simulation.locked.arrays import Library
-from ..simulation.simulator import Simulator
+from ..simulation import Library, Simulator
+from ..simulation.compiled import precise
 from .balance import Tails
 from .net_force import greatest
 
-__all__ = ["Certificate", "certificate", "certify", "traverse"]
+__all__ = ["GOAL_MARGIN", "START_SPREAD", "Certificate", "certificate", "certify", "traverse"]
+
+START_SPREAD = 0.02
+"""A steering episode starts with the tip this far or less from where the whole wire lies just inside the tract, m."""
+
+GOAL_MARGIN = 0.01
+"""The goal lies this far before the tract's end, m."""
 
 _TRUST, _TRUST_BEND = 20e-6, 0.02
-"""How far the balance is trusted: to 20 µN, a controller's command not being quite the best, and to 2 % of what the
-tract's sharpest bend costs, ½ E I κ², since a wire of 6 mm segments feels the bends a little otherwise than the curve
-(98 % of places are within it)."""
-
-_SPREAD = 0.02
-"""Episodes start with the tip up to this far from where the wire lies just inside the tract, m; see `_swung_back`."""
-
-_GOAL_MARGIN = 0.01
-"""The goal lies this far before the tract's end, m, as in the tasks."""
+"""Allowed error of the balance: 20 µN, as a controller's command is not quite the best one, and 2 % of the cost of the
+tract's sharpest bend, ½ E I κ². A wire of 6 mm segments does not feel a bend quite as the curve says; 98 % of places
+are within that share."""
 
 _SWINGS, _MORE_SWINGS, _SWING_TIME = 24, 128, 1.2
-"""Starts tried for one and for more degrees of freedom, and for how long, s: a servo turns about within 1 s."""
+"""Number of starts sampled for one degree of freedom and for several, and simulated time of each, s.
+
+Within 1 s a servo turns the magnet half round.
+"""
 
 _BETWEEN, _MORE_BETWEEN = 0.005, 0.015
-"""What a start between those tried may slide back farther, m, for one and for more degrees of freedom."""
+"""Allowance for starts between the sampled ones, which may slide back farther, m (one degree of freedom, several)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,15 +52,15 @@ class Certificate:
     direction : +1 forward, −1 backward
     arclengths : (n,) m, tip positions in the order of travel
     margin : (n,) N, greatest net force along the direction of travel after friction and bending
-    commands : (n, dof) rad (turns continuous along the way) and m, that leave it
-    speed : (n,) m/s, of a wire that sets off at rest, the margin going into its drag and inertia; 0 from its stop on
-    reserve : N, how far the margin is trusted
-    blocked : m, the first place that such a wire does not reach within the time limit, were the margin better by the
-        reserve; None if it gets through. (A margin that is negative over a few millimetres does not hold a wire that
-        comes with speed.)
-    traverse_time : s, for the whole way at that speed, or at the servos' where the commands turn faster; ∞ if it stops
+    commands : (n, dof) rad and m, the commands that give this margin; turns are continuous along the way
+    speed : (n,) m/s, of a wire that sets off at rest and whose margin drives its drag and inertia; 0 after it stops
+    reserve : N, the allowed error of the margin
+    blocked : m, the first place that such a wire does not reach within the time limit, even if the margin were larger
+        by the reserve; None if it gets through. (A margin that is negative over a few millimetres does not hold a wire
+        that arrives with speed.)
+    traverse_time : s, for the whole way at that speed, or at the servos' speed where that is slower; ∞ if it stops
     time_limit : s
-    thrown_out : the magnet, turning from any angle at the start, can drag the tip out of the tract's entrance
+    thrown_out : the magnet, which turns to its first command from any angle, can drag the tip out of the entrance
     """
 
     solvable: bool
@@ -110,12 +113,13 @@ def certificate(
     """The certificate of one scenario.
 
     direction : +1 forward, the tip pulls the wire; −1 backward, the tip pushes it
-    start, goal : m, tip positions. By default the goal is 10 mm before the tract's end, and the way starts as far back
-        as the tip gets when an episode starts as the tasks' do, with the tip within 20 mm of the wire's length and the
-        magnets anywhere: until they have turned, they may drag the wire back. Backward the way goes from 10 mm before
-        the end to 20 mm short of the wire's length.
+    start, goal : m, tip positions. Forward, the default goal is `GOAL_MARGIN` before the tract's end. The default start
+        is the place farthest back that a tip reaches when an episode starts as in the tasks: the tip within
+        `START_SPREAD` of the wire's length and the magnets anywhere. Until the magnets have turned, they may drag the
+        wire back. Backward, the default way goes from `GOAL_MARGIN` before the end to `START_SPREAD` short of the
+        wire's length.
     time_limit : s, for the whole way
-    reserve : N, how far the margin is trusted, either way; by default 20 µN and 2 % of ½ E I κ² in the sharpest bend
+    reserve : N, allowed error of the margin; by default 20 µN and 2 % of ½ E I κ² in the sharpest bend
     """
     return certify([scenario], direction, start, goal, time_limit, reserve)[0]
 
@@ -128,13 +132,13 @@ def certify(
     time_limit: float = 60.0,
     reserve: float | None = None,
 ) -> list[Certificate]:
-    """Certificates of many scenarios together, arguments as for `certificate`; rigs of other layouts go separately."""
+    """Certificates of many scenarios, with the arguments of `certificate`; those of one rig layout run side by side."""
     if direction not in (1, -1):
         raise ValueError(f"direction must be 1 or -1, got {direction!r}")
     positive("time_limit", time_limit, "s")
     if reserve is not None:
         non_negative("reserve", reserve, "N")
-    ways = [_way(sc, direction, start, goal) for sc in scenarios]
+    ways = [_places(sc, direction, start, goal) for sc in scenarios]
     certificates: dict[int, Certificate] = {}
     groups: dict[tuple, list[int]] = {}
     for i, sc in enumerate(scenarios):
@@ -142,18 +146,18 @@ def certify(
         groups.setdefault((sc.timing, dofs, tuple(c.axis for c in sc.rig.coils)), []).append(i)
     for numbers in groups.values():
         own, way = [scenarios[i] for i in numbers], [ways[i] for i in numbers]
-        found = _balanced(own, way, direction)
-        back = _swung_back(own, [commands for _, commands, _ in found]) if direction > 0 and start is None else None
+        found = _margins(own, way, direction)
+        back = _farthest_back(own, [commands for _, commands, _ in found]) if direction > 0 and start is None else None
         for k, i in enumerate(numbers):
             lowest = -np.inf if back is None else back[k]
-            certificates[i] = _judged(own[k], direction, way[k], found[k], lowest, time_limit, reserve)
+            certificates[i] = _verdict(own[k], direction, way[k], found[k], lowest, time_limit, reserve)
     return [certificates[i] for i in range(len(scenarios))]
 
 
-def _way(sc: Scenario, direction: int, start: float | None, goal: float | None) -> np.ndarray:
-    """Tip positions (n,) m from start to goal; without a start, forward from the entrance."""
-    end = sc.tract.length - _GOAL_MARGIN
-    first, last = (0.0, end) if direction > 0 else (end, max(sc.wire.length - _SPREAD, 0.0))
+def _places(sc: Scenario, direction: int, start: float | None, goal: float | None) -> np.ndarray:
+    """Tip positions (n,) m from start to goal in the order of travel; forward without a start, from the entrance on."""
+    end = sc.tract.length - GOAL_MARGIN
+    first, last = (0.0, end) if direction > 0 else (end, max(sc.wire.length - START_SPREAD, 0.0))
     first, last = first if start is None else float(start), last if goal is None else float(goal)
     for name, value in (("start", first), ("goal", last)):
         if not 0.0 <= value <= sc.tract.length:
@@ -167,25 +171,27 @@ def _way(sc: Scenario, direction: int, start: float | None, goal: float | None) 
     return np.r_[low, inner, high][::direction]
 
 
-def _balanced(
+def _margins(
     scenarios: Sequence[Scenario], ways: Sequence[np.ndarray], direction: int
 ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Margin (n,) N, commands (n, dof) and the resistance's growth with speed (n,) N·s/m along every way."""
     counts = np.array([len(w) for w in ways])
     entries, tips = np.repeat(np.arange(len(ways)), counts), np.concatenate(ways)
     commands, force = greatest(Library(scenarios), entries, tips, direction)
-    pull, growth = Tails(scenarios).pull(entries, tips, direction)
+    resistance, growth = Tails(scenarios).resistance(entries, tips, direction)
     edges = counts.cumsum()[:-1]
-    return list(zip(np.split(force - pull, edges), np.split(commands, edges), np.split(growth, edges), strict=True))
+    return list(
+        zip(np.split(force - resistance, edges), np.split(commands, edges), np.split(growth, edges), strict=True)
+    )
 
 
-def _swung_back(scenarios: Sequence[Scenario], commands: Sequence[np.ndarray]) -> np.ndarray:
-    """The lowest arc length the tip gets to, (n,) m, while the magnets turn to the best command from wherever they are.
+def _farthest_back(scenarios: Sequence[Scenario], commands: Sequence[np.ndarray]) -> np.ndarray:
+    """The lowest arc length that the tip reaches, (n,) m, while the magnets turn to the best command.
 
-    commands : the best ones at the entrance and at every row of the tract's table from there on
+    commands : the best commands at the entrance and at every row of the tract's table after it
 
-    From the simulator: starts with the tip `_SPREAD` m short of the wire's length or beyond it, and evenly scattered
-    magnets (a Kronecker sequence).
+    The simulator runs from sampled starts: the tip `START_SPREAD` short of the wire's length or beyond it, the magnets
+    evenly scattered (a Kronecker sequence).
     """
     n, dof = len(scenarios), commands[0].shape[1]
     swings, between = (_SWINGS, _BETWEEN) if dof == 1 else (_MORE_SWINGS, _MORE_BETWEEN)
@@ -193,10 +199,11 @@ def _swung_back(scenarios: Sequence[Scenario], commands: Sequence[np.ndarray]) -
     sim = Simulator(scenarios, len(lane), lane_scenario=lane)
     k = np.arange(swings)[:, None]
     scatter = np.tile((k + 0.5) / swings if dof == 1 else k * np.sqrt(_PRIMES[:dof]) % 1.0, (n, 1))
-    low, high = sim.library.dofs[lane, :, 1], sim.library.dofs[lane, :, 2]
+    _, low, high = sim.library.limits.of(lane)
     length = sim.library.wire_length[lane]
     sim.reset(
-        np.maximum(length + np.where(np.arange(len(lane)) % 2, _SPREAD, -_SPREAD), 0.0), low + scatter * (high - low)
+        np.maximum(length + np.where(np.arange(len(lane)) % 2, START_SPREAD, -START_SPREAD), 0.0),
+        low + scatter * (high - low),
     )
     table = np.concatenate(commands)
     counts = np.array([len(c) for c in commands])
@@ -206,14 +213,14 @@ def _swung_back(scenarios: Sequence[Scenario], commands: Sequence[np.ndarray]) -
     for _ in range(round(_SWING_TIME / sim.control_period)):
         row = np.clip(np.rint(sim.tip_arclength / spacing), 0, last).astype(np.int64)
         sim.step(table[first + row])
-        lowest = np.minimum(lowest, sim.tip_trace.min(axis=1))
+        lowest = np.minimum(lowest, (sim.goals().s[:, None] - sim.remaining_trace).min(axis=1))
     return lowest.reshape(n, swings).min(axis=1) - between
 
 
 _PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53, 59, 61, 67, 71, 73, 79, 83, 89)
 
 
-def _judged(
+def _verdict(
     sc: Scenario,
     direction: int,
     way: np.ndarray,
@@ -222,17 +229,16 @@ def _judged(
     time_limit: float,
     reserve: float | None,
 ) -> Certificate:
-    """The certificate from the balance along the way, from the last place at or before `lowest` (m) on."""
+    """The certificate of the way that begins at the last place at or before `lowest` (m)."""
     first = min(max(0, int(np.searchsorted(way, lowest, side="right")) - 1), len(way) - 2)
     way, margin, commands, growth = (array[first:] for array in (way, *found))
     thrown_out = bool(-np.inf < lowest < 0.0)
     if reserve is None:
         reserve = _TRUST + _TRUST_BEND * 0.5 * sc.wire.bending_rigidity * float((sc.tract.curvature(way) ** 2).max())
-    mass = sc.wire.mass + (sc.tip.mass or 0.0)
     turning = (np.abs(np.diff(commands, axis=0)) / [d.speed for d in sc.rig.dofs]).max(axis=1)
-    speed, seconds = traverse(way, margin, growth, mass)
+    speed, seconds = traverse(way, margin, growth, sc.moving_mass)
     time = float(np.maximum(seconds, turning).sum())
-    _, seconds = traverse(way, margin + reserve, growth, mass)
+    _, seconds = traverse(way, margin + reserve, growth, sc.moving_mass)
     late = np.flatnonzero(np.maximum(seconds, turning).cumsum() > time_limit)
     for array in (arrays := (way, margin, commands, speed)):
         array.flags.writeable = False
@@ -242,11 +248,11 @@ def _judged(
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def traverse(way, margin, growth, mass):
-    """Speeds (n,) m/s of a wire set off at rest, and times (n − 1,) s from place to place; from its stop on 0 and ∞.
+@precise
+def traverse(way: np.ndarray, margin: np.ndarray, growth: np.ndarray, mass: float) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds (n,) m/s of a wire that sets off at rest, and times (n − 1,) s between places; 0 and ∞ after it stops.
 
-    d(½ m v²)/ds = margin − growth·v, the drag taken at the step's end.
+    d(½ m v²)/ds = margin − growth·v, with the drag at the end of every step.
     """
     speed, seconds = np.zeros(len(way)), np.full(len(way) - 1, np.inf)
     v = 0.0

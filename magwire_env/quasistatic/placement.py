@@ -1,4 +1,4 @@
-"""Where to put a magnet that stays where it is: the position that leaves the greatest margin at the weakest place."""
+"""Where to put a fixed magnet: the position with the greatest margin at the weakest place of the tract."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 from ..physics.checks import positive
 from ..scenario import Scenario
 from ..scenario.rig import Rig, Slide, cheapest_rule
-from .certificate import Certificate, certificate, certify
+from .certificate import START_SPREAD, Certificate, certificate, certify
 
 __all__ = ["best_placement"]
 
 _ACROSS = 5
-"""Positions tried along x and along y over the tract's extent, at two heights; then half as far apart, and so on."""
+"""Positions tried along x and along y over the tract's extent; every round halves the distance between them."""
 
 _HEIGHTS = (0.0, 0.02)
-"""m, above the lowest height that keeps the distance."""
+"""Heights tried, m above the lowest one that keeps the distance."""
 
 _ROUNDS = 3
 
@@ -26,15 +26,16 @@ _ROUNDS = 3
 def best_placement(
     scenario: Scenario, magnet: int = 0, keep_out: float | None = None, direction: int = 1
 ) -> tuple[tuple[float, float, float], Certificate]:
-    """The position above the tract from which a fixed magnet leaves the greatest margin at the weakest place.
+    """The position above the tract with which a fixed magnet has the greatest margin at the weakest place.
 
     magnet : number of the magnet that is moved; the others stay
-    keep_out : m, least distance of its centre from the centreline; by default the one it has in `scenario`
+    keep_out : m, least distance of its centre from the centreline; by default its distance in `scenario`
     direction : +1 forward, −1 backward
 
-    Returns the position, m, and the certificate of the scenario with the magnet there. A coarse grid over the tract's
-    extent in x and y at two heights, then three finer rounds about the best; the result is no worse than the given
-    position. Raises `ValueError` for a magnet that slides, or a keep-out that lets it into the tract.
+    Returns the position, m, and the certificate of the scenario with the magnet there. The search tries a coarse grid
+    over the tract's extent in x and y at two heights, then three finer rounds about the best position. The result is no
+    worse than the given position. Raises `ValueError` for a magnet that slides, or a `keep_out` so small that the
+    magnet would enter the tract.
     """
     mounts = scenario.rig.magnets
     if isinstance(magnet, bool) or not isinstance(magnet, int) or not 0 <= magnet < len(mounts):
@@ -62,10 +63,10 @@ def best_placement(
     low, high = centreline[:, :2].min(axis=0), centreline[:, :2].max(axis=0)
     step = np.maximum((high - low) / (_ACROSS - 1), 1e-3)
     flat = [np.linspace(a, b, _ACROSS) for a, b in zip(low, high, strict=True)]
-    tried = _over(centreline, keep_out, np.array(list(itertools.product(*flat))))
+    tried = _positions_above(centreline, keep_out, np.array(list(itertools.product(*flat))))
     if own >= keep_out:
         tried = np.vstack([mount.position, tried])
-    start = {"start": max(scenario.wire.length - 0.02, 0.0)} if direction > 0 else {}
+    start = {"start": max(scenario.wire.length - START_SPREAD, 0.0)} if direction > 0 else {}
     best, most = tried[0], -np.inf
     for _ in range(1 + _ROUNDS):
         worst = [c.weakest[1] for c in certify([moved(p) for p in tried], direction, **start)]
@@ -73,12 +74,12 @@ def best_placement(
             best, most = tried[int(np.argmax(worst))], max(worst)
         step = step / 2
         around = np.array([m for m in itertools.product((-1.0, 0.0, 1.0), repeat=2) if any(m)])
-        tried = _over(centreline, keep_out, best[:2] + around * step)
+        tried = _positions_above(centreline, keep_out, best[:2] + around * step)
     return tuple(best.tolist()), certificate(moved(best), direction)
 
 
-def _over(centreline: np.ndarray, distance: float, flat: np.ndarray) -> np.ndarray:
-    """Points (k, 3) m over each of `flat` (n, 2) m, from the lowest that is `distance` m clear of the centreline on."""
+def _positions_above(centreline: np.ndarray, distance: float, flat: np.ndarray) -> np.ndarray:
+    """Points (k, 3) m above each of `flat` (n, 2) m, the lowest of them `distance` m away from the centreline."""
     points = []
     for x, y in flat:
         off = np.hypot(centreline[:, 0] - x, centreline[:, 1] - y)

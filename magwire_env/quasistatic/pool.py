@@ -1,6 +1,6 @@
 """Pools of certified scenarios: generated tracts under the rigs of the tasks, only those that can be steered.
 
-Which scenarios a pool holds depends on its kind, split, size and seed alone. What the kinds are made of:
+The scenarios of a pool depend on its kind, split, size and seed alone. A kind is a `Recipe`:
 
 | kind | tracts | wire | rig | coupling | solvable |
 |---|---|---|---|---|---|
@@ -9,10 +9,10 @@ Which scenarios a pool holds depends on its kind, split, size and seed alone. Wh
 | Chase | the generator's | 275 kPa | slides in x and y 7 cm above the tract, one axis | wrench | 62 % |
 | Dual | the generator's | 55 kPa | one fixed above turning about y, one below about x | wrench | 69 % |
 
-The paper's magnet, tip and contact throughout, magnets 7 cm from the centreline at the nearest. Its wire (550 kPa) is
-too stiff for most of these: entering a bend of 30 mm costs it 9.4 mN, more than the magnet gives over much of such a
-tract, and of the generator's own tracts it passes 2 % under the fixed one-axis magnet. The kinds take a wire half or a
-tenth as stiff, as soft catheters are.
+All of them have the paper's magnet, tip and contact, and magnets at least 7 cm from the centreline. The paper's wire
+(550 kPa) is too stiff for most of these tracts: to enter a bend of 30 mm radius it needs 9.4 mN, more than the magnet
+gives over much of such a tract. It passes 2 % of the generator's own tracts under the fixed one-axis magnet. So the
+kinds have a wire of half or a tenth of that stiffness, like soft catheters.
 """
 
 from __future__ import annotations
@@ -32,24 +32,26 @@ from ..scenario import Scenario, above
 from ..scenario.rig import ActuatedMagnet, Rig, Slide, Turn, cheapest_rule
 from .certificate import Certificate, certify
 
-__all__ = ["KINDS", "Kind", "Pool", "build_pool", "candidates", "scenario_pool"]
+__all__ = ["RECIPES", "Pool", "Recipe", "build_pool", "candidates", "scenario_pool"]
 
 DISTANCE = 0.07
-"""m, of every magnet's centre from the centreline at the nearest."""
+"""Least distance of every magnet's centre from the centreline, m."""
 
 _TOGETHER = 32
-"""Candidates certified together."""
+"""Number of candidates certified side by side."""
 
 _MOST_TRIES = 100
-"""Candidates a scenario of the pool, before the kind is called unsolvable."""
+"""Number of candidates for each scenario of the pool before the kind is called unsolvable."""
 
 
 @dataclass(frozen=True)
-class Kind:
-    """What a task's scenarios are made of.
+class Recipe:
+    """What a kind of task's scenarios are made of.
 
+    bounds : of the generated tracts
     bending_modulus : Pa, of the wire
-    rig : from the tract
+    coupling : "force" or "wrench"
+    rig : makes the rig for a tract
     """
 
     bounds: Bounds
@@ -68,8 +70,8 @@ class Kind:
 class Pool:
     """Certified scenarios.
 
-    scenarios, certificates : one each
-    tried : candidates generated for them
+    scenarios, certificates : a certificate for each scenario
+    tried : number of candidates generated
     """
 
     scenarios: tuple[Scenario, ...]
@@ -78,7 +80,7 @@ class Pool:
 
     @property
     def acceptance(self) -> float:
-        """Share of the candidates that were certified."""
+        """Share of the candidates that are certified."""
         return len(self.scenarios) / self.tried
 
 
@@ -89,13 +91,13 @@ def scenario_pool(kind: str, split: str = "train", size: int = 100, seed: int = 
 
 @lru_cache(maxsize=16)
 def build_pool(kind: str, split: str = "train", size: int = 100, seed: int = 0, time_limit: float = 60.0) -> Pool:
-    """A pool of certified scenarios, built once a process.
+    """A pool of certified scenarios; a process builds each pool once.
 
     kind : "SteerAny", "Orient", "Chase" or "Dual"; see the table of this module
-    split : "train", "test" or "ood", of `anatomy.generator.generate`
-    size : scenarios in the pool; a smaller pool is the beginning of a larger one
+    split : "train", "test" or "ood", see `lumen.generator.generate`
+    size : number of scenarios; a smaller pool is the beginning of a larger one
     seed : of the pool; pools of different seeds share no tract
-    time_limit : s, for which they are certified
+    time_limit : s, of the certificates
     """
     size = whole("size", size, 1)
     scenarios: list[Scenario] = []
@@ -117,8 +119,8 @@ def build_pool(kind: str, split: str = "train", size: int = 100, seed: int = 0, 
 
 
 def candidates(kind: str, split: str, count: int, seed: int = 0, first: int = 0) -> list[Scenario]:
-    """Scenarios as generated, not certified: `count` of a pool's candidates from number `first` on."""
-    made = KINDS[one_of("kind", kind, tuple(KINDS))]
+    """Scenarios that are not certified yet: `count` of a pool's candidates, from number `first` on."""
+    made = RECIPES[one_of("kind", kind, tuple(RECIPES))]
     one_of("split", split, SPLITS)
     seed = whole("seed", seed, 0)
     found = []
@@ -129,7 +131,7 @@ def candidates(kind: str, split: str, count: int, seed: int = 0, first: int = 0)
 
 
 _PER_SEED = 1_000_000
-"""Tracts of the generator that belong to one seed of the pool."""
+"""Number of the generator's tracts that belong to one seed of the pool."""
 
 
 @lru_cache(maxsize=1)
@@ -139,7 +141,7 @@ def _paper() -> Scenario:
 
 @lru_cache(maxsize=1)
 def _dipoles() -> tuple[str, int]:
-    """One rule for all: the cheapest at a little less than the distance that all magnets keep."""
+    """The cheapest dipole rule at a little less than `DISTANCE`, the same for all magnets."""
     return cheapest_rule(_paper().rig.magnets[0].magnet, 0.99 * DISTANCE)
 
 
@@ -156,7 +158,7 @@ def _two_axes(tract: Tract) -> Rig:
 
 
 def _following(tract: Tract) -> Rig:
-    """Slides over the whole tract and 30 mm beyond, in the plane 7 cm above its highest point."""
+    """A magnet that slides over the whole tract and 30 mm beyond it, in the plane 7 cm above its highest point."""
     xyz = tract.table[1:, 0:3]
     (x0, y0, _), (x1, y1, top) = xyz.min(axis=0), xyz.max(axis=0)
     middle = ((x0 + x1) / 2, (y0 + y1) / 2, top + DISTANCE)
@@ -169,11 +171,11 @@ def _both_sides(tract: Tract) -> Rig:
     return Rig((_magnet(above(tract, DISTANCE), Turn("y", home=math.pi)), _magnet((x, y, -z), Turn("x"))))
 
 
-KINDS: dict[str, Kind] = {
-    "SteerAny": Kind(
+RECIPES: dict[str, Recipe] = {
+    "SteerAny": Recipe(
         Bounds(length=(0.4, 0.6), bend_radius=0.04, box=(0.18, 0.18, 0.05)), 275e3, "force", _fixed
     ),
-    "Orient": Kind(Bounds(), 55e3, "wrench", _two_axes),
-    "Chase": Kind(Bounds(), 275e3, "wrench", _following),
-    "Dual": Kind(Bounds(), 55e3, "wrench", _both_sides),
+    "Orient": Recipe(Bounds(), 55e3, "wrench", _two_axes),
+    "Chase": Recipe(Bounds(), 275e3, "wrench", _following),
+    "Dual": Recipe(Bounds(), 55e3, "wrench", _both_sides),
 }  # fmt: skip

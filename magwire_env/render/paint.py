@@ -1,4 +1,4 @@
-"""Colours and the few drawing tools the pictures share. The colours are Okabe and Ito's, safe for the colour-blind."""
+"""Colours and the few drawing tools that the pictures share; the palette is that of `plotting`."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..plotting import BLUE, GREEN, PURPLE, RED, YELLOW, rgb
 from .extra import need
 
 __all__ = ["Brush", "diverging", "load_colour", "nice", "pixels"]
@@ -20,15 +21,15 @@ GRID: Colour = (222, 225, 230)
 LUMEN_NEAR: Colour = (250, 236, 224)
 LUMEN_FAR: Colour = (226, 208, 192)
 LUMEN_EDGE: Colour = (170, 140, 118)
-NORTH: Colour = (213, 94, 0)
-SOUTH: Colour = (0, 114, 178)
-TARGET: Colour = (0, 158, 115)
+NORTH: Colour = rgb(RED)
+SOUTH: Colour = rgb(BLUE)
+TARGET: Colour = rgb(GREEN)
 FORCE: Colour = (20, 20, 24)
-DRIVE: Colour = (204, 121, 167)
+DRIVE: Colour = rgb(PURPLE)
 TIP: Colour = (0, 0, 0)
 WIRE_EDGE: Colour = (60, 60, 66)
 WIRE_FREE: Colour = (84, 96, 122)
-WIRE_LOADED: Colour = (240, 228, 66)
+WIRE_LOADED: Colour = rgb(YELLOW)
 
 
 def load_colour(share: float) -> Colour:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..quasistatic.forcemap import force_map
 from ..scenario import Scenario
+from ..simulation.model import supports
 from . import paint
 from .dofs import Dof, dofs_of, number
 from .paint import Brush
@@ -138,8 +139,11 @@ class Strips:
 
 
 def map_of(scenario: Scenario, across: int = 161, up: int = 121) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Commands (up,), arc lengths (across,) and the force map (up, across) N; None for a rig of several freedoms."""
-    if len(scenario.rig.dofs) != 1:
+    """Commands (up,), arc lengths (across,) and the force map (up, across) N.
+
+    None for a rig of several degrees of freedom, and for a wire model without such a map.
+    """
+    if len(scenario.rig.dofs) != 1 or not supports(scenario, "quasistatic"):
         return None
     dof = dofs_of(scenario)[0]
     commands = np.linspace(dof.low, dof.high, up)

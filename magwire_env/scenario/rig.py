@@ -14,7 +14,7 @@ from ..physics.dipoles import field_gradient
 from ..physics.fitted_cloud import SIZES
 from ..physics.magnets import RULES, BlockMagnet, Magnet
 
-__all__ = ["ActuatedMagnet", "Coil", "Current", "Rig", "Slide", "Turn", "cheapest_rule"]
+__all__ = ["ActuatedMagnet", "Coil", "Current", "Rig", "Slide", "Turn", "cheapest_rule", "wrapped"]
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -179,9 +179,42 @@ class Rig:
             raise ValueError("Rig.magnets and Rig.coils must hold at least one magnet or coil, got none")
 
     @property
+    def layout(self) -> tuple[tuple[tuple[str, str], ...], ...]:
+        """The kinds and axes of every magnet's degrees of freedom, then of every coil: what a batch must share."""
+        magnets = tuple(tuple((type(d).__name__, d.axis) for d in m.dofs) for m in self.magnets)
+        return magnets + tuple((("Current", c.axis),) for c in self.coils)
+
+    @property
+    def limits(self) -> tuple[tuple[float, float, float], ...]:
+        """Speed, lowest and highest setting of every degree of freedom: rad, m or A.
+
+        A turn's range is the circle about its home, and does not limit it.
+        """
+        return tuple(
+            (d.speed, d.home - math.pi, d.home + math.pi) if isinstance(d, Turn) else (d.speed, d.low, d.high)
+            for d in self.dofs
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What every degree of freedom is, in the order of the command: "angle of magnet 0 about y", …"""
+        found = []
+        for m, mount in enumerate(self.magnets):
+            which = f"magnet {m}" if len(self.magnets) > 1 else "the magnet"
+            for dof in mount.dofs:
+                turns = isinstance(dof, Turn)
+                found.append(f"angle of {which} about {dof.axis}" if turns else f"place of {which} along {dof.axis}")
+        return (*found, *(f"current of coil {c} along {coil.axis}" for c, coil in enumerate(self.coils)))
+
+    @property
     def dofs(self) -> tuple[Turn | Slide | Current, ...]:
         """Every actuated degree of freedom, in the order of the command: the magnets', then the coils' currents."""
         return tuple(d for m in self.magnets for d in m.dofs) + tuple(c.current for c in self.coils)
+
+
+def wrapped(gap: np.ndarray, is_turn: np.ndarray | bool = True) -> np.ndarray:
+    """`gap` with its turns brought to [−π, π), the short way round: (..., dof) rad or m; is_turn (dof,) or one."""
+    return np.where(is_turn, gap - 2 * np.pi * np.floor(gap / (2 * np.pi) + 0.5), gap)
 
 
 @lru_cache(maxsize=256)

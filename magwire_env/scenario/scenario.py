@@ -87,6 +87,7 @@ class Scenario:
     rig : the external magnets
     contact, coupling, gravity, timing : see the parts; gravity in m/s²
     sensing, variation : what the policy's readings suffer, and what differs from episode to episode; by default nothing
+    model : the wire model that moves it, see `magwire_env.simulation.model`; "locked" is the paper's
 
     `coupling` is the force that drives the tip along the tract: ``"force"``, the paper's projection F·t, or
     ``"wrench"``, the generalised force F·t + m κ n·B that follows from the energy −m t·B, since a tip locked to a
@@ -107,6 +108,7 @@ class Scenario:
     timing: Timing = field(default_factory=Timing)
     sensing: Sensing = field(default_factory=Sensing)
     variation: Variation = field(default_factory=Variation)
+    model: str = "locked"
 
     def __post_init__(self) -> None:
         one_of("Scenario.coupling", self.coupling, COUPLINGS)
@@ -134,6 +136,11 @@ class Scenario:
                 mount = dataclasses.replace(mount, dipoles=cheapest_rule(mount.magnet, distance))
             magnets.append(mount)
         object.__setattr__(self, "rig", Rig(tuple(magnets), self.rig.coils))
+
+    @property
+    def moving_mass(self) -> float:
+        """Mass of the wire and its tip, kg."""
+        return self.wire.mass + (self.tip.mass or 0.0)
 
     @classmethod
     def paper(cls, magnet_distance: float = 0.07, measured_to: str = "centre") -> Scenario:
@@ -176,7 +183,7 @@ class Scenario:
         for part, inner_changes in nested.items():
             known = (
                 {f.name for f in dataclasses.fields(getattr(self, part))}
-                if part not in ("name", "coupling", "gravity")
+                if part not in ("name", "coupling", "gravity", "model")
                 else set()
             )
             if unknown := set(inner_changes) - known:

@@ -3,9 +3,12 @@
 from importlib import import_module
 from typing import Any
 
-from .simulator import Simulator, SimulatorState, Trajectories
+from .library import Library
+from .model import Places, register_model
+from .simulator import Simulator
+from .state import SimulatorState, Trajectories
 
-__all__ = ["Simulator", "SimulatorState", "Trajectories"]
+__all__ = ["Library", "Places", "Simulator", "SimulatorState", "Trajectories", "register_model"]
 
 _THEORY = ("best_command", "best_placement", "certificate", "certify", "drive_at", "force_map", "Certificate")
 """Names that users may import from here too; they live one floor up, in `magwire_env.quasistatic`."""

@@ -16,6 +16,7 @@ import operator
 from llvmlite import ir
 from numba import njit
 from numba.core import cgutils, types
+from numba.core.errors import TypingError
 from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, models, register_model
@@ -136,67 +137,105 @@ def _call(builder, name, result, args):
 # --- functions --------------------------------------------------------------------------------------------------------
 
 
+def _offset(context, builder, full, kind, index):
+    """Where ``array[index]`` or ``array[i, j]`` begins, counted in numbers.
+
+    The last axis of a block's array holds the lanes, so a missing last index means its first lane.
+    """
+    at = index[0]
+    for axis in range(1, kind.ndim):
+        size = builder.extract_value(full.shape, axis)
+        if axis == kind.ndim - 1 and len(index) < kind.ndim:
+            size = context.get_constant(types.intp, LANES)
+        at = builder.mul(at, size)
+        if axis < len(index):
+            at = builder.add(at, index[axis])
+    return at
+
+
 def _address(context, builder, array_type, array, index):
-    data = context.make_array(array_type)(context, builder, value=array).data
-    return builder.bitcast(builder.gep(data, [index]), _DOUBLES.as_pointer())
+    full = context.make_array(array_type)(context, builder, value=array)
+    at = _offset(context, builder, full, array_type, index)
+    return builder.bitcast(builder.gep(full.data, [at]), _DOUBLES.as_pointer())
+
+
+def _indices(name, array, count):
+    """Number types for the indices; a block's array takes one fewer than it has axes, others may take them all."""
+    if not max(1, array.ndim - 1) <= count <= array.ndim:
+        raise TypingError(f"{name} got {count} indices for an array of {array.ndim} axes")
+    return [types.intp] * count
 
 
 @intrinsic
-def load(typingctx, array, index):
-    """`LANES` numbers of `array` from `index` on."""
+def load(typingctx, array, *index):
+    """`LANES` neighbouring numbers of a contiguous array, from ``array[i]``, ``array[i, j]``, … on."""
+    kinds = types.StarArgTuple.from_types(_indices("load", array, len(index)))
 
     def codegen(context, builder, sig, args):
-        return builder.load(_address(context, builder, sig.args[0], *args), align=8)
+        index = cgutils.unpack_tuple(builder, args[1])
+        return builder.load(_address(context, builder, sig.args[0], args[0], index), align=8)
 
-    return lanes_type(array, types.intp), codegen
+    return lanes_type(array, kinds), codegen
 
 
 @intrinsic
-def store(typingctx, array, index, value):
-    """Write `LANES` numbers of `array` from `index` on."""
+def store(typingctx, array, *rest):
+    """``store(array, i, j, …, value)`` writes `LANES` neighbouring numbers of a contiguous array."""
+    kinds = types.StarArgTuple.from_types([*_indices("store", array, len(rest) - 1), rest[-1]])
 
     def codegen(context, builder, sig, args):
-        value = _as_lanes(context, builder, args[2], sig.args[2])
-        builder.store(value, _address(context, builder, sig.args[0], args[0], args[1]), align=8)
+        *index, value = cgutils.unpack_tuple(builder, args[1])
+        value = _as_lanes(context, builder, value, list(sig.args[1])[-1])
+        builder.store(value, _address(context, builder, sig.args[0], args[0], index), align=8)
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, value), codegen
+    return types.void(array, kinds), codegen
 
 
-def _borrowed(context, builder, kind, data, count):
+def _borrowed(context, builder, kind, data, shape):
     """A view that owns nothing: Numba counts no references for it."""
     view = context.make_array(kind)(context, builder)
     size = context.get_constant(types.intp, 8)
+    strides = [size]
+    for length in reversed(shape[1:]):
+        strides.insert(0, builder.mul(strides[0], length))
     nobody = cgutils.get_null_value(view.meminfo.type)
-    populate_array(view, data=data, shape=[count], strides=[size], itemsize=size, meminfo=nobody)
+    populate_array(view, data=data, shape=shape, strides=strides, itemsize=size, meminfo=nobody)
     return view._getvalue()
 
 
 @intrinsic
 def row(typingctx, array, i):
-    """Row `i` of a contiguous float64 array (n, m), borrowed.
+    """``array[i]`` of a contiguous float64 array of two axes or more, borrowed.
 
     An ordinary slice counts its references with atomic operations on one number; two threads at it waited for each
     other for a third of their time.
     """
-    kind = types.Array(types.float64, 1, "C")
+    kind = types.Array(types.float64, array.ndim - 1, "C")
 
     def codegen(context, builder, sig, args):
         full = context.make_array(sig.args[0])(context, builder, value=args[0])
-        count = builder.extract_value(full.shape, 1)
-        return _borrowed(context, builder, kind, builder.gep(full.data, [builder.mul(args[1], count)]), count)
+        shape = [builder.extract_value(full.shape, axis) for axis in range(1, sig.args[0].ndim)]
+        size = shape[0]
+        for length in shape[1:]:
+            size = builder.mul(size, length)
+        return _borrowed(context, builder, kind, builder.gep(full.data, [builder.mul(args[1], size)]), shape)
 
     return kind(array, types.intp), codegen
 
 
 @intrinsic
 def part(typingctx, array, first, count):
-    """`count` numbers of a contiguous float64 array from `first` on, borrowed."""
-    kind = types.Array(types.float64, 1, "C")
+    """``array[first : first + count]`` of a contiguous float64 array, borrowed."""
+    kind = types.Array(types.float64, array.ndim, "C")
 
     def codegen(context, builder, sig, args):
         full = context.make_array(sig.args[0])(context, builder, value=args[0])
-        return _borrowed(context, builder, kind, builder.gep(full.data, [args[1]]), args[2])
+        shape = [builder.extract_value(full.shape, axis) for axis in range(sig.args[0].ndim)]
+        at = args[1]
+        for length in shape[1:]:
+            at = builder.mul(at, length)
+        return _borrowed(context, builder, kind, builder.gep(full.data, [at]), [args[2], *shape[1:]])
 
     return kind(array, types.intp, types.intp), codegen
 

@@ -1,75 +1,36 @@
-"""The simulator: owns the arrays of a batch of wires and moves them through control periods."""
+"""The simulator: owns a batch of wires and moves them through control periods; `model` says what moves inside."""
 
 from __future__ import annotations
 
+import dataclasses
+import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..scenario import Scenario
-from .locked import algorithm1 as a1
-from .locked.arrays import LaneArrays, Library
+from .library import Library
+from .model import Places, WireModel, model_class
+from .readout import ROW
+from .rig_arrays import RigLanes, aligned_zeros
+from .state import SimulatorState, Trajectories
 
 __all__ = ["Simulator", "SimulatorState", "Trajectories"]
 
 
-@dataclass(frozen=True, eq=False)
-class SimulatorState:
-    """The state of n wires, a value: copy, compare, pickle. Arrays are never changed in place.
-
-    arclengths, velocities : (n, nodes) m, m/s, tail to tip; a lane with fewer nodes has its last ones at the right
-    magnet : (n, dof) rad or m
-    time : (n,) s
-    lanes : (n,) the simulator's lane each row came from
-    """
-
-    arclengths: np.ndarray
-    velocities: np.ndarray
-    magnet: np.ndarray
-    time: np.ndarray
-    lanes: np.ndarray
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, SimulatorState):
-            return NotImplemented
-        return all(np.array_equal(getattr(self, k), getattr(other, k)) for k in self.__dataclass_fields__)
-
-    __hash__ = None  # type: ignore[assignment]
-
-    def __len__(self) -> int:
-        return len(self.arclengths)
-
-    def __getitem__(self, rows: int | slice | np.ndarray) -> SimulatorState:
-        """The state of some rows, always a batch: ``state[3]`` holds one wire."""
-        rows = np.atleast_1d(np.arange(len(self))[rows])
-        return SimulatorState(*(getattr(self, k)[rows] for k in self.__dataclass_fields__))
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectories:
-    """What `Simulator.rollout` returns: every array (n, K, H) after each control period, in SI units.
-
-    `end` holds the n·K final states, plan by plan.
-    """
-
-    tip_arclength: np.ndarray
-    tip_velocity: np.ndarray
-    drive_force: np.ndarray
-    lateral_force: np.ndarray
-    tip_torque: np.ndarray
-    wall_force: np.ndarray
-    end: SimulatorState
-
-
 class Simulator:
-    """A batch of guidewires under Algorithm 1.
+    """A batch of guidewires.
 
     scenario : one `Scenario` for all lanes, or a sequence of them, one a lane; the scenarios of a batch may differ in
-        everything but their timing and the kinds of their magnets' degrees of freedom
+        everything but their timing, their wire model and the kinds of their rig's degrees of freedom. Also a `Library`,
+        with `lane_scenario`, so that several simulators share its rows
     num_envs : number of lanes; by default the length of the sequence, or 1
     threads : threads a step may use; by default all cores for large batches, one for small
     lane_scenario : (num_envs,) numbers into `scenario`, which is then a pool that lanes draw from with `assign`
+
+    Lane numbers are whole numbers from 0 to num_envs − 1 everywhere; others raise `ValueError` before anything moves.
+    Calls from several threads wait for one another.
 
     >>> from magwire_env import Scenario, Simulator
     >>> sim = Simulator(Scenario.paper(), num_envs=2)
@@ -81,15 +42,20 @@ class Simulator:
 
     def __init__(
         self,
-        scenario: Scenario | Sequence[Scenario],
+        scenario: Scenario | Sequence[Scenario] | Library,
         num_envs: int | None = None,
         threads: int | None = None,
         lane_scenario: np.ndarray | None = None,
     ) -> None:
-        scenarios = [scenario] if isinstance(scenario, Scenario) else list(scenario)
+        if isinstance(scenario, Library):
+            scenarios = list(scenario.scenarios)
+        else:
+            scenarios = [scenario] if isinstance(scenario, Scenario) else list(scenario)
         if not scenarios:
             raise ValueError("scenario must be one scenario or a sequence of at least one, got none")
-        n = len(scenarios) if num_envs is None else num_envs
+        if num_envs is None:
+            num_envs = len(scenarios) if lane_scenario is None else len(lane_scenario)
+        n = num_envs
         if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
             raise ValueError(f"num_envs must be a whole number of at least 1, got {num_envs!r}")
         if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
@@ -102,16 +68,34 @@ class Simulator:
             lane_scenario = np.array([number[sc] for sc in scenarios] * (n // len(scenarios)))
             scenarios = unique
         self.num_envs = int(n)
-        self.library = Library(scenarios)
-        self.lane_scenario = np.empty(n, dtype=np.int64)
+        self.library = scenario if isinstance(scenario, Library) else Library(scenarios)
         self.time = np.zeros(n)
-        self._scratch: LaneArrays | None = None
-        self.arrays = self._now = LaneArrays(self.library, self.num_envs, threads)
-        """What the kernel works on, live: for other compiled code, which must not write but to `command`."""
-        self.command = self._now.command[:, : self.num_envs]
-        """(dof, n) rad or m, the command of the last or the next step; see `advance`."""
+        self._threads, self._period = threads, self.library.timing.control_period
+        self._scratch: Simulator | None = None
+        self._lock = threading.RLock()
+        self.rig = RigLanes(self.library.rigs, self.num_envs)
+        self.readout = aligned_zeros(len(ROW), self.rig.lanes)
+        """Live rows over the lanes, see `magwire_env.simulation.readout.Readout`: for other compiled code, to read."""
+        self.trace = aligned_zeros(self.library.timing.substeps + 1, self.rig.lanes)
+        """Live, m: the way left at the start of the last control period and after each of its substeps, a row each."""
+        model = model_class(self.library.model)
+        self.model: WireModel = model(self.library, self.rig, self.readout, self.trace, threads)
+        self._look_at_command()
+        self._goal = (np.zeros(n, dtype=np.int64), np.zeros(n))
         self.assign(np.arange(n), lane_scenario)
+        self.set_goal(np.arange(n), Places(self.model.route_length(np.arange(n))))
         self.reset()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {k: v for k, v in self.__dict__.items() if k not in ("_lock", "_scratch", "command")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _lock=threading.RLock(), _scratch=None)
+        self._look_at_command()
+
+    def _look_at_command(self) -> None:
+        self.command = self.rig.command[:, : self.num_envs]
+        """(dof, n) rad or m, live: the command of the last or the next step; see `advance`."""
 
     # --- what it is -------------------------------------------------------------------------------------------------
 
@@ -119,6 +103,11 @@ class Simulator:
     def scenarios(self) -> tuple[Scenario, ...]:
         """The scenario of every lane."""
         return tuple(self.library.scenarios[i] for i in self.lane_scenario)
+
+    @property
+    def lane_scenario(self) -> np.ndarray:
+        """(n,), the number of every lane's scenario in `library.scenarios`."""
+        return self.rig.entry
 
     @property
     def dof(self) -> int:
@@ -130,13 +119,20 @@ class Simulator:
         """s."""
         return self.library.timing.control_period
 
+    def supports(self, feature: str) -> bool:
+        """Whether the wire model has `feature`, see `magwire_env.simulation.model.FEATURES`."""
+        return feature in self.model.supports
+
     def assign(self, lanes: np.ndarray, scenarios: np.ndarray) -> None:
         """Give `lanes` the library's scenarios of these numbers, (n,) each; the lanes must then be reset."""
+        lanes = self._checked_lanes(lanes)
         scenarios = np.asarray(scenarios, dtype=np.int64)
+        if scenarios.shape != lanes.shape:
+            raise ValueError(f"scenarios must be one number for each of the {len(lanes)} lanes, got {scenarios.shape}")
         if scenarios.size and (scenarios.min() < 0 or scenarios.max() >= len(self.library.scenarios)):
             raise ValueError(f"scenarios must lie in [0, {len(self.library.scenarios) - 1}], got {scenarios.tolist()}")
-        self.lane_scenario[lanes] = scenarios
-        self._now.take(lanes, scenarios)
+        self.rig.take(lanes, scenarios)
+        self.model.take(lanes, scenarios)
 
     def vary(
         self,
@@ -146,8 +142,17 @@ class Simulator:
         remanence: np.ndarray,
         placement: np.ndarray,
     ) -> None:
-        """Depart from the scenarios in `lanes` until they are next assigned: factors (n,), shifts (n, magnets, 3) m."""
-        self._now.vary(lanes, friction, stiffness, remanence, placement)
+        """Depart from the scenarios in `lanes` until they are next assigned: factors (n,), shifts (n, magnets, 3) m.
+
+        Raises `ValueError` for numbers that are not finite, before anything is changed.
+        """
+        lanes = self._checked_lanes(lanes)
+        shift_shape = (len(lanes), self.library.magnet_count, 3)
+        given = {"friction": friction, "stiffness": stiffness, "remanence": remanence}
+        factors = {name: _numbers(name, value, (len(lanes),), "") for name, value in given.items()}
+        shifts = _numbers("placement", placement, shift_shape, "m")
+        self.rig.vary(lanes, factors.pop("remanence"), shifts)
+        self.model.vary(lanes, factors)
 
     # --- moving it --------------------------------------------------------------------------------------------------
 
@@ -156,29 +161,59 @@ class Simulator:
         tip_arclength: np.ndarray | Sequence[float] | float | None = None,
         magnet: np.ndarray | None = None,
         lanes: np.ndarray | None = None,
+        places: Places | None = None,
     ) -> None:
-        """Lay wires at rest along their tracts, every segment at its rest length.
+        """Lay wires at rest, without stretch.
 
-        tip_arclength : (n,) or one number, m; by default the wire's length, so that it lies just inside the tract
+        tip_arclength : (n,) or one number, m along the first branch; by default the wire just inside the inlet
+        places : in place of it, for lumens with branches
         magnet : (n, dof) rad or m; by default each degree of freedom's home
         lanes : (n,) which lanes; by default all
         """
-        lanes = np.arange(self.num_envs) if lanes is None else np.asarray(lanes, dtype=np.int64)
+        lanes = np.arange(self.num_envs) if lanes is None else self._checked_lanes(lanes)
         n, entries = len(lanes), self.lane_scenario[lanes]
-        tip = (
-            self.library.wire_length[entries] if tip_arclength is None else np.asarray(tip_arclength, dtype=np.float64)
-        )
-        if tip.shape not in ((), (n,)) or not np.isfinite(tip).all():
-            raise ValueError(f"tip_arclength must be one finite number or {n} of them (in m), got {tip_arclength!r}")
+        if places is None and tip_arclength is None:
+            places = self.model.start(entries)
+        elif places is None:
+            places = Places(_numbers("tip_arclength", np.asarray(tip_arclength), (n,), "m"))
         magnet = self.library.home[entries] if magnet is None else self._checked(magnet, n, "magnet")
-        self.lay(lanes, np.broadcast_to(tip, (n,)), magnet)
+        self.lay(lanes, places, magnet)
 
-    def lay(self, lanes: np.ndarray, tip_arclength: np.ndarray, magnet: np.ndarray) -> None:
-        """`reset` of `lanes` (n,), unchecked: tips at (n,) m, magnets at (n, dof) rad or m."""
-        self._now.lay_at_rest(lanes, tip_arclength)
-        self._now.q[:, lanes] = magnet.T
-        self._now.refresh(lanes)
-        self.time[lanes] = 0.0
+    def lay(self, lanes: np.ndarray, places: Places, magnet: np.ndarray, goals: Places | None = None) -> None:
+        """`reset` of `lanes` (n,), unchecked: tips at `places`, the rig at (n, dof) rad or m, new goals if given."""
+        with self._lock:
+            if goals is not None:
+                self._aim(lanes, goals)
+            self.model.lay(lanes, places)
+            self.rig.q[:, lanes] = magnet.T
+            self.model.refresh(lanes)
+            self.time[lanes] = 0.0
+
+    def set_rig(self, magnet: np.ndarray, lanes: np.ndarray | None = None) -> None:
+        """Put the rig of `lanes` (all by default) to (n, dof) rad or m, as if it had always been there."""
+        lanes = np.arange(self.num_envs) if lanes is None else self._checked_lanes(lanes)
+        self.rig.q[:, lanes] = self._checked(magnet, len(lanes), "magnet").T
+        self.model.refresh(lanes)
+
+    def set_goal(self, lanes: np.ndarray, places: Places | np.ndarray) -> None:
+        """From now on `remaining` counts the way of `lanes` (n,) to `places`; the readout follows with the next step.
+
+        places : `Places`, or (n,) m along the first branch
+        """
+        self._aim(self._checked_lanes(lanes), places if isinstance(places, Places) else Places(places))
+
+    def _aim(self, lanes: np.ndarray, places: Places) -> None:
+        self._goal[0][lanes], self._goal[1][lanes] = places.branch, places.s
+        self.model.set_goal(lanes, places)
+
+    def goals(self, lanes: np.ndarray | None = None) -> Places:
+        """The goals of `lanes` (all by default)."""
+        branch, s = self._goal
+        return Places(s.copy(), branch.copy()) if lanes is None else Places(s[lanes], branch[lanes])
+
+    def goal_of(self, lane: int) -> float:
+        """The goal of one lane, m along its branch."""
+        return self._goal[1][lane].item()
 
     def step(self, command: np.ndarray) -> None:
         """Move every wire through one control period.
@@ -192,26 +227,38 @@ class Simulator:
 
     def advance(self) -> None:
         """`step` under what stands in `command`, unchecked: for callers that write it there themselves."""
-        self._now.step()
-        self.time += self.control_period
+        with self._lock:
+            self.model.step()
+            self.time += self._period
+
+    def refresh(self, lanes: np.ndarray) -> None:
+        """Bring the readout of `lanes` (n,) up to date with their state, goals and parameters."""
+        self.model.refresh(self._checked_lanes(lanes))
 
     def state(self, lanes: np.ndarray | None = None) -> SimulatorState:
         """A copy of the state of `lanes` (all by default)."""
-        lanes = np.arange(self.num_envs) if lanes is None else np.atleast_1d(np.asarray(lanes, dtype=np.int64))
-        return SimulatorState(*self._now.read(lanes), self.time[lanes], lanes)
+        lanes = np.arange(self.num_envs) if lanes is None else self._checked_lanes(lanes)
+        rig = self.rig.q[:, lanes].T.copy()
+        return SimulatorState(self.model.read(lanes), rig, self.time[lanes], lanes, self.model.columns)
 
     def load_state(self, state: SimulatorState) -> None:
-        """Put a copied state back into the lanes it came from."""
+        """Put a copied state back into the lanes it came from. Raises `ValueError`, before anything is changed, for a
+        state of another simulator's shape or with numbers that are not finite."""
         self._fits(state)
-        self._now.write(state.lanes, state.arclengths, state.velocities, state.magnet)
-        self._now.refresh(state.lanes)
-        self.time[state.lanes] = state.time
+        with self._lock:
+            self._write(state.lanes, state)
+            self.time[state.lanes] = state.time
+
+    def _write(self, lanes: np.ndarray, state: SimulatorState) -> None:
+        self.model.write(lanes, state.wire)
+        self.rig.q[:, lanes] = state.magnet.T
+        self.model.refresh(lanes)
 
     def rollout(self, state: SimulatorState, plans: np.ndarray) -> Trajectories:
         """Try plans out from a state, leaving this simulator's own state alone.
 
         state : n wires
-        plans : (K, H, dof) tried from every wire, or (n, K, H, dof) with own plans for each; rad and m
+        plans : (K, H, dof) tried from every wire, or (n, K, H, dof) with own plans for each; rad and m; K, H ≥ 1
 
         Returns `Trajectories` with arrays (n, K, H); for one wire and (K, H, dof) plans (K, H).
         """
@@ -220,151 +267,203 @@ class Simulator:
         single = plans.ndim == 3 and len(state) == 1
         if plans.ndim == 3:
             plans = np.broadcast_to(plans, (len(state), *plans.shape))
-        if plans.ndim != 4 or plans.shape[0] != len(state) or plans.shape[3] != self.dof:
+        if plans.ndim != 4 or plans.shape[0] != len(state) or plans.shape[3] != self.dof or not plans.size:
             raise ValueError(
-                f"plans must have shape (K, H, {self.dof}) or ({len(state)}, K, H, {self.dof}), got {plans.shape}"
+                f"plans must have shape (K, H, {self.dof}) or ({len(state)}, K, H, {self.dof}) with K and H at least "
+                f"1, got {plans.shape}"
             )
         if not np.isfinite(plans).all():
             raise ValueError("plans must be finite (in rad for turns, m for slides), got NaN or infinity")
+        with self._lock:
+            return self._tried(state, plans, single)
+
+    def _tried(self, state: SimulatorState, plans: np.ndarray, single: bool) -> Trajectories:
         n, k, horizon, _ = plans.shape
         source = np.repeat(np.arange(n), k)
-        lanes = np.arange(n * k)
-        moves = self._scratch_arrays(n * k)
-        moves.take(lanes, self.lane_scenario[state.lanes[source]])
-        moves.write(lanes, state.arclengths[source], state.velocities[source], state.magnet[source])
-        moves.refresh(lanes)
-        results = np.empty((6, horizon, n * k))
+        lanes, origin = np.arange(n * k), state.lanes[source]
+        scratch = self._scratch_for(n * k, self.lane_scenario[origin])
+        scratch.set_goal(lanes, self.goals(origin))
+        scratch._write(lanes, state[source])
+        rows = np.empty((len(_TRIED), horizon, n * k))
         commands = plans.reshape(n * k, horizon, self.dof)
         for step in range(horizon):
-            moves.command[:, : n * k] = commands[:, step].T
-            moves.step()
-            for row, field in enumerate((a1.TIP_S, a1.TIP_V, a1.DRIVE, a1.LATERAL, a1.TORQUE, a1.WALL)):
-                results[row, step] = moves.result(field)
+            scratch.command[:] = commands[:, step].T
+            scratch.advance()
+            for row, field in enumerate(_TRIED):
+                rows[row, step] = scratch.readout[field, : n * k]
         shape = (k, horizon) if single else (n, k, horizon)
-        arrays = results.transpose(0, 2, 1).reshape(6, *shape)
+        arrays = rows.transpose(0, 2, 1).reshape(len(_TRIED), *shape)
         time = state.time[source]
         for _ in range(horizon):  # summed as `step` sums it, so that the end equals stepping there
             time = time + self.control_period
-        return Trajectories(*arrays, SimulatorState(*moves.read(lanes), time, state.lanes[source]))  # type: ignore[call-arg]
+        end = dataclasses.replace(scratch.state(), time=time, lanes=origin)
+        return Trajectories(*arrays, end)  # type: ignore[call-arg]
+
+    def _scratch_for(self, n: int, entries: np.ndarray) -> Simulator:
+        """A simulator for a rollout of n wires, kept between calls of the same size."""
+        if self._scratch is None or self._scratch.num_envs != n:
+            self._scratch = Simulator(self.library, n, self._threads, entries)
+        else:
+            self._scratch.assign(np.arange(n), entries)
+        return self._scratch
 
     # --- looking at it ----------------------------------------------------------------------------------------------
 
     @property
+    def travelled(self) -> np.ndarray:
+        """(n,) m, way from the inlet to the tip along the route."""
+        return self._row(ROW.travelled)
+
+    @property
     def tip_arclength(self) -> np.ndarray:
-        """(n,) m."""
-        return self._now.result(a1.TIP_S)
+        """(n,) m, as `travelled`: along a tract without branches the two are the same."""
+        return self._row(ROW.travelled)
+
+    @property
+    def remaining(self) -> np.ndarray:
+        """(n,) m, way left along the route to the goal, negative once past it.
+
+        In a wrong branch the way back to the route counts too.
+        """
+        return self._row(ROW.remaining)
+
+    @property
+    def remaining_trace(self) -> np.ndarray:
+        """(n, substeps + 1) m, the way left through the last control period, its start first."""
+        return self.trace[:, : self.num_envs].T.copy()
+
+    @property
+    def route_length(self) -> np.ndarray:
+        """(n,) m, from the inlet along the route to its end."""
+        return self.model.route_length(np.arange(self.num_envs))
 
     @property
     def tip_velocity(self) -> np.ndarray:
-        """(n,) m/s along the tract."""
-        return self._now.result(a1.TIP_V)
+        """(n,) m/s, the tip's speed along its way: of the locked wire along the tract."""
+        return self._row(ROW.speed)
 
     @property
     def drive_force(self) -> np.ndarray:
-        """(n,) N, the magnets' generalised force along the tract, by the scenario's coupling."""
-        return self._now.result(a1.DRIVE)
+        """(n,) N, the magnets' generalised force along the tip's way, by the scenario's coupling."""
+        return self._row(ROW.drive)
 
     @property
     def lateral_force(self) -> np.ndarray:
-        """(n,) N, size of the magnetic force across the tract."""
-        return self._now.result(a1.LATERAL)
+        """(n,) N, size of the magnetic force across the tip's way."""
+        return self._row(ROW.lateral)
 
     @property
     def tip_torque(self) -> np.ndarray:
         """(n,) N·m, size of the magnetic torque on the tip."""
-        return self._now.result(a1.TORQUE)
+        return self._row(ROW.torque)
 
     @property
     def wall_force(self) -> np.ndarray:
-        """(n,) N, lateral force plus the couple's two contacts, |F⊥| + 2 τ/lever."""
-        return self._now.result(a1.WALL)
+        """(n,) N, on the wall; of the locked wire lateral force plus the couple's two contacts, |F⊥| + 2 τ/lever."""
+        return self._row(ROW.wall)
 
     @property
     def peak_wall_force(self) -> np.ndarray:
         """(n,) N, largest over the substeps of the last control period."""
-        return self._now.result(a1.PEAK_WALL)
+        return self._row(ROW.peak_wall)
 
     @property
     def mean_wall_force(self) -> np.ndarray:
         """(n,) N, mean over the substeps of the last control period."""
-        return self._now.result(a1.MEAN_WALL)
+        return self._row(ROW.mean_wall)
 
     @property
     def peak_lateral_force(self) -> np.ndarray:
         """(n,) N, largest over the substeps of the last control period."""
-        return self._now.result(a1.PEAK_LATERAL)
+        return self._row(ROW.peak_lateral)
+
+    @property
+    def unconverged(self) -> np.ndarray:
+        """(n,) substeps of the last control period whose solve did not converge; their motion is not to be trusted."""
+        return self._row(ROW.unconverged).astype(np.int64)
 
     @property
     def tip_force(self) -> np.ndarray:
         """(n, 3) N, magnetic force on the tip."""
-        return self._now.results(a1.FX)
+        return self._rows(ROW.force_x)
 
     @property
     def tip_field(self) -> np.ndarray:
         """(n, 3) T, flux density at the tip."""
-        return self._now.results(a1.BX)
+        return self._rows(ROW.field_x)
 
     @property
     def tip_position(self) -> np.ndarray:
         """(n, 3) m."""
-        return self._now.results(a1.TIP_X)
+        return self._rows(ROW.tip_x)
 
     @property
     def tip_tangent(self) -> np.ndarray:
         """(n, 3), the direction of the tip's moment."""
-        return self._now.results(a1.TAN_X)
+        return self._rows(ROW.tangent_x)
 
     @property
     def magnet(self) -> np.ndarray:
-        """(n, dof) rad or m, where the degrees of freedom are."""
-        return self._now.lanes_first(self._now.q)
+        """(n, dof) rad or m, where the rig's degrees of freedom are."""
+        return self.rig.q[:, : self.num_envs].T.copy()
 
     @property
     def magnet_positions(self) -> np.ndarray:
-        """(n, magnets, 3) m, the magnets' centres."""
-        count = self.library.magnet_count
-        centres = self.library.magnets[self.lane_scenario, :count, :3].copy()
-        q = self.magnet
-        for m, slots in enumerate(self.library.rig[:count]):
-            for axis in range(3):
-                if slots[2 + axis] >= 0:
-                    centres[:, m, axis] += q[:, slots[2 + axis]]
-        return centres
+        """(n, magnets, 3) m, the magnets' centres as the scenario places them, plus their slides.
 
-    @property
-    def tip_trace(self) -> np.ndarray:
-        """(n, substeps + 1) m, the tip's arc length through the last control period, its start first."""
-        return self._now.lanes_first(self._now.trace)
-
-    def distance_to(self, goal: np.ndarray) -> np.ndarray:
-        """Way left along the lumen from the tip to arc lengths `goal` (n,) m → (n,) m, negative once past it."""
-        return goal - self.tip_arclength
-
-    def look_ahead(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The centreline ahead of the tips: offsets (k,) m along it → points (n, k, 3) m, unit tangents (n, k, 3)."""
-        return self.library.centreline(self.lane_scenario, self.tip_arclength[:, None] + np.asarray(offsets))
+        What `vary` shifted them by is not in it: policies, controllers and pictures know the rig as it was set up.
+        """
+        return self.rig.centres()
 
     @property
     def positions(self) -> np.ndarray:
-        """(n, nodes, 3) m, tail to tip; NaN where a lane has fewer nodes than the batch's largest wire."""
-        return self.library.positions(self.lane_scenario, self._now.arclengths())
+        """(n, nodes, 3) m, tail to tip; NaN where a lane has fewer nodes than the batch's longest wire."""
+        return self.model.positions(np.arange(self.num_envs))
+
+    @property
+    def contact_forces(self) -> np.ndarray:
+        """(n, nodes, 3) N, what the wall exerts on every node; of the locked wire known at the tip alone."""
+        return self.model.node_contact(np.arange(self.num_envs))
+
+    def ahead(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The route's centreline ahead of the tips: offsets (k,) m along it → points (m), unit tangents and curvature
+        vectors κ n (1/m), (n, k, 3) each."""
+        found = self.model.ahead(np.asarray(offsets, dtype=np.float64))
+        return found[..., :3], found[..., 3:6], found[..., 6:]
 
     # --- inside -----------------------------------------------------------------------------------------------------
 
-    def _scratch_arrays(self, n: int) -> LaneArrays:
-        """Arrays for a rollout of n wires, kept between calls of the same size."""
-        if self._scratch is None or self._scratch.n != n:
-            self._scratch = LaneArrays(self.library, n, self._now.threads)
-        return self._scratch
+    def _row(self, row: int) -> np.ndarray:
+        return self.readout[row, : self.num_envs].copy()
+
+    def _rows(self, first: int) -> np.ndarray:
+        return self.readout[first : first + 3, : self.num_envs].T.copy()
 
     def _fits(self, state: SimulatorState) -> None:
-        wanted = (len(state), self.library.nodes)
-        if state.arclengths.shape != wanted or state.magnet.shape != (len(state), self.dof):
+        now = self.state(np.zeros(1, dtype=np.int64))
+        wanted = (len(state), now.wire.shape[1])
+        if state.wire.shape != wanted or state.magnet.shape != (len(state), self.dof):
             raise ValueError(
-                f"state must be of this simulator, with arclengths of shape {wanted}, got {state.arclengths.shape}"
+                f"state must be of this simulator, with wire of shape {wanted} and magnet of shape "
+                f"{(len(state), self.dof)}, got {state.wire.shape} and {state.magnet.shape}"
             )
-        if len(state) and (state.lanes.min() < 0 or state.lanes.max() >= self.num_envs):
-            raise ValueError(f"state.lanes must lie in [0, {self.num_envs - 1}], got {state.lanes.tolist()}")
+        self._checked_lanes(state.lanes, "state.lanes")
+        for name, array in (("wire", state.wire), ("magnet", state.magnet), ("time", state.time)):
+            if not np.isfinite(array).all():
+                raise ValueError(f"state.{name} must be finite, got NaN or infinity")
+        if state.time.shape != (len(state),):
+            raise ValueError(f"state.time must have shape ({len(state)},), got {state.time.shape}")
+
+    def _checked_lanes(self, lanes: Any, name: str = "lanes") -> np.ndarray:
+        """Whole numbers below `num_envs`: the kernels check no index, so every one that reaches them passes here."""
+        array = np.atleast_1d(np.asarray(lanes))
+        if array.size == 0:
+            return array.astype(np.int64)
+        if array.ndim != 1 or array.dtype.kind not in "iu":
+            raise ValueError(f"{name} must be whole numbers (n,), got {lanes!r}")
+        if array.min() < 0 or array.max() >= self.num_envs:
+            raise ValueError(f"{name} must lie in [0, {self.num_envs - 1}], got {array.tolist()}")
+        return array.astype(np.int64, copy=False)
 
     def _checked(self, value: np.ndarray, n: int, name: str) -> np.ndarray:
         array = np.asarray(value, dtype=np.float64)
@@ -376,3 +475,18 @@ class Simulator:
                 f"{name}[{row}] must be finite (in rad for turns, m for slides), got {array[row].tolist()}"
             )
         return array
+
+
+_TRIED = (
+    ROW.travelled, ROW.remaining, ROW.speed, ROW.drive, ROW.lateral, ROW.torque, ROW.wall, ROW.unconverged,
+)  # fmt: skip
+"""Rows of the readout that `Trajectories` has, in its order."""
+
+
+def _numbers(name: str, value: Any, shape: tuple[int, ...], unit: str) -> np.ndarray:
+    """Finite numbers of one shape, or one number for all."""
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape not in ((), shape) or not np.isfinite(array).all():
+        many = f"{shape[0]} of them" if len(shape) == 1 else f"an array {shape} of them"
+        raise ValueError(f"{name} must be one finite number or {many}{f' (in {unit})' if unit else ''}, got {value!r}")
+    return np.broadcast_to(array, shape)

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from queue import SimpleQueue
+from typing import Any
 
 import numpy as np
 
@@ -23,9 +24,9 @@ _forked = False
 
 
 def share_out(
-    run: Callable[[np.ndarray, np.ndarray], None],
+    run: Callable[[np.ndarray, Any], None],
     blocks: np.ndarray,
-    workspaces: list[np.ndarray],
+    workspaces: Sequence[Any],
     threads: int | None = None,
 ) -> None:
     """Call ``run(some_blocks, workspace)`` over all `blocks`, on `threads` threads or as many as pay.

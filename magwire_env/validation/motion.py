@@ -85,7 +85,7 @@ def _travel(scenario: Scenario, seconds: float, speed: float = 0.0) -> float:
     sim.reset(tip_arclength=0.5)
     state = sim.state()
     if speed:
-        sim.load_state(type(state)(state.arclengths, state.velocities + speed, state.magnet, state.time, state.lanes))
+        sim.load_state(state.replaced(velocities=state.velocities + speed))
     for _ in range(round(seconds / sim.control_period)):
         sim.step(np.zeros((1, 1)))
     return float(sim.tip_arclength[0] - 0.5)

@@ -222,13 +222,13 @@ def test_the_magnets_speed_is_what_the_servo_did_and_starts_at_rest():
     observation, _ = env.reset(seed=0)
     assert (observation == 0.0).all()
     sim = env.unwrapped.simulator
-    dofs = sim.library.dofs[0]
+    speed = sim.library.limits.speed[0]
     for _ in range(5):
         before = sim.magnet[0]
         observation, *_ = env.step(env.action_space.sample())
         moved = sim.magnet[0] - before
         moved[sim.library.is_turn] = (moved[sim.library.is_turn] + np.pi) % (2 * np.pi) - np.pi
-        assert observation == pytest.approx(moved / (dofs[:, 0] * 0.1), abs=1e-6)
+        assert observation == pytest.approx(moved / (speed * 0.1), abs=1e-6)
     assert (env.reset(seed=1)[0] == 0.0).all()
 
 

@@ -11,17 +11,17 @@ from gymnasium.utils.env_checker import check_env
 
 import magwire_env  # noqa: F401  (registers the ids)
 from magwire_env import Scenario
-from magwire_env.envs.episode import DRAWS, beginnings, references
 from magwire_env.envs.task import TASKS, Task
 from magwire_env.scenario import Reading
-from magwire_env.simulation import best_command
+from magwire_env.simulation import Library, best_command
 
+LIBRARY = Library([Scenario.paper()])
 REACH, TRACK = TASKS["MagWire/Reach-v0"], TASKS["MagWire/Track-v0"]
 
 
 def test_reach_draws_targets_either_way_never_too_near():
-    drawn = np.random.default_rng(0).random((4000, DRAWS["reach"]))
-    start, goal = beginnings(REACH, drawn, np.full(4000, 0.1), np.full(4000, 0.8))
+    drawn = np.random.default_rng(0).random((4000, REACH.kind.draws))
+    start, goal = (places.s for places in REACH.kind.begin(REACH, LIBRARY, np.zeros(4000, dtype=int), drawn))
     for arclength in (start, goal):
         assert arclength.min() >= 0.1 - 1e-12
         assert arclength.max() <= 0.79 + 1e-12
@@ -30,9 +30,9 @@ def test_reach_draws_targets_either_way_never_too_near():
 
 
 def test_track_references_are_slow_smooth_and_inside():
-    drawn = np.random.default_rng(0).random((500, DRAWS["track"]))
+    drawn = np.random.default_rng(0).random((500, TRACK.kind.draws))
     times = np.arange(0, 32, 0.1)
-    path = references(TRACK, drawn, np.full(500, 0.1), np.full(500, 0.8), times)
+    path = TRACK.kind.reference(TRACK, LIBRARY, np.zeros(500, dtype=int), drawn, times)
     assert path.min() >= 0.1
     assert path.max() <= 0.78 + 1e-12
     speed = np.diff(path, axis=1) / 0.1
@@ -61,7 +61,7 @@ def test_reach_succeeds_once_the_target_was_held_for_a_second():
     env.reset(seed=0, options={"tip_arclength": 0.35, "target": 0.30, "magnet_angle": 3.0})
     inside = 0
     for step, (_, reward, terminated, _, info) in hold(env, 0.30, 200):  # noqa: B007  (read after the loop)
-        near = np.abs(env.unwrapped.simulator.tip_trace[0][1:] - 0.30).max() <= 5e-3
+        near = np.abs(env.unwrapped.simulator.remaining_trace[0][1:]).max() <= 5e-3
         inside = inside + 1 if near else 0
         assert terminated == (inside == 10)
         if terminated:
@@ -79,11 +79,11 @@ def test_track_follows_its_own_reference_and_scores_the_error():
     squares = []
     for k in range(1, 31):
         observation, _, terminated, truncated, info = env.step(np.zeros(1, dtype=np.float32))
-        error = abs(core.reference[0, k] - core.sim.tip_arclength[0])
+        error = abs(core.episodes.reference[0, k] - core.sim.tip_arclength[0])
         assert info["distance"] == pytest.approx(error)
         squares.append(error**2)
         ahead = observation[core.observer.part("reference_preview")] * 0.1 + core.sim.tip_arclength[0]
-        assert ahead == pytest.approx(core.reference[0, [k, k + 5, k + 10, k + 20]], abs=1e-6)
+        assert ahead == pytest.approx(core.episodes.reference[0, [k, k + 5, k + 10, k + 20]], abs=1e-6)
     assert truncated
     assert not terminated
     assert info["summary"]["rms_error"] == pytest.approx(np.sqrt(np.mean(squares)))
@@ -230,9 +230,9 @@ def test_the_safety_mode_ends_an_episode_over_the_limit():
         (lambda: Task("x"), "Task must have either a scenario or a pool"),
         (
             lambda: Task("x", "wander", Scenario.paper),
-            "Task.kind must be one of 'steer', 'reach', 'track', got 'wander'",
+            "Task.kind must be a Kind or one of 'steer', 'reach', 'track', got 'wander'",
         ),
-        (lambda: gym.make("MagWire/ReachGoal-v0", task="MagWire/Steer-v0"), "task must be of kind 'reach'"),
+        (lambda: gym.make("MagWire/ReachGoal-v0", task="MagWire/Steer-v0"), "task must be one whose target is held"),
     ],
 )
 def test_refusals(build, words):

@@ -41,7 +41,7 @@ def test_the_map_is_the_drive_the_simulator_feels(coupling):
 
 
 @pytest.mark.parametrize("coupling", ["force", "wrench"])
-def test_a_point_dipole_s_map_is_a_sinusoid_in_the_angle(coupling):
+def test_the_map_of_a_point_dipole_is_a_sinusoid_in_the_angle(coupling):
     """F = A(s) cos(θ − φ(s)): nothing but the first harmonic, so F(θ + π) = −F(θ)."""
     drive = force_map(PAPER.replace(rig=POINT, coupling=coupling), ANGLES, PLACES)
     harmonics = np.abs(np.fft.rfft(drive, axis=0)) / 18
@@ -96,7 +96,7 @@ def test_where_no_angle_pushes():
     assert best_command(below((0, 1, 1), PointDipole(BLOCK.moment)), np.array([0.4]))[1][0] >= 1e-3
 
 
-def test_the_paper_s_tract_can_be_steered_all_along():
+def test_the_tract_of_the_paper_can_be_steered_all_along():
     """Figure 7 as read here: 2.86 to 14.26 mN; the best angle stays within ± 1.02 rad of home."""
     commands, drive = best_command(PAPER, np.linspace(0.0, 0.8, 401))
     assert drive.min() == pytest.approx(2.86e-3, rel=5e-3)
@@ -155,7 +155,7 @@ def test_best_command_of_a_magnet_that_slides_and_turns():
     assert (drive > 1.5 * best_command(PAPER.replace(coupling="wrench"), s)[1]).all()
 
 
-def test_drive_is_linear_in_the_magnet_s_strength():
+def test_drive_is_linear_in_the_strength_of_the_magnet():
     weak = PAPER.replace(
         rig=Rig((dataclasses.replace(PAPER.rig.magnets[0], magnet=BlockMagnet((50.8e-3,) * 3, 0.65)),))
     )

@@ -2,11 +2,11 @@
 
 import pytest
 
-from magwire_env.quasistatic.pool import KINDS, build_pool, candidates, scenario_pool
+from magwire_env.quasistatic.pool import RECIPES, build_pool, candidates, scenario_pool
 from magwire_env.simulation import certify
 
 
-@pytest.mark.parametrize("kind", list(KINDS))
+@pytest.mark.parametrize("kind", list(RECIPES))
 def test_every_scenario_is_certified_and_keeps_the_kinds_promises(kind):
     pool = build_pool(kind, "test", 6)
     assert len(pool.scenarios) == len(pool.certificates) == len(set(pool.scenarios)) == 6

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import magwire_env
-from agents.controllers import CONTROLLERS
+from agents.catalogue import CONTROLLERS
 from magwire_env import Scenario
 from magwire_env.physics import BlockMagnet, field
 from magwire_env.render import meshes

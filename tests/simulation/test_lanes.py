@@ -45,7 +45,7 @@ COMMANDS = np.random.default_rng(0).uniform(-1, 7, (25, len(MIXED), 1))
 RESULTS = (
     "tip_arclength", "tip_velocity", "drive_force", "lateral_force", "tip_torque", "wall_force", "peak_wall_force",
     "mean_wall_force", "peak_lateral_force", "tip_force", "tip_field", "tip_position", "tip_tangent", "magnet",
-    "tip_trace",
+    "remaining_trace",
 )  # fmt: skip
 
 

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from magwire_env.lumen.named import circle
 from magwire_env.scenario import ActuatedMagnet, Rig, Scenario, Slide
-from magwire_env.simulation import Simulator, SimulatorState
+from magwire_env.simulation import Places, Simulator
 from tests.support.scenes import line, world
 
 PAPER = Scenario.paper()
 RNG = np.random.default_rng
-FIELDS = [f.name for f in dataclasses.fields(SimulatorState)]
+FIELDS = ("wire", "magnet", "time", "lanes")
 LOADS = ("drive_force", "lateral_force", "tip_torque", "wall_force", "tip_force", "tip_field", "tip_position")
 
 
@@ -73,7 +73,7 @@ def test_on_a_loop_the_wire_goes_round_and_round():
         sim.step(np.repeat(command, 2, axis=0))
     assert np.abs(np.diff(sim.tip_arclength) - loop.tract.length).max() <= 1e-10
     assert np.allclose(*sim.positions, rtol=0, atol=1e-10)
-    assert np.ptp(sim.tip_trace) >= 1e-3
+    assert np.ptp(sim.remaining_trace) >= 1e-3
 
 
 # --- state ------------------------------------------------------------------------------------------------------------
@@ -140,7 +140,7 @@ def test_handed_out_arrays_are_copies():
         "magnet",
         "positions",
         "tip_tangent",
-        "tip_trace",
+        "remaining_trace",
         "magnet_positions",
     ):
         getattr(sim, name)[...] = 7.0
@@ -221,12 +221,18 @@ def test_shorter_wires_have_nan_for_the_nodes_they_lack():
     assert lacking[1].tolist() == [True] * 12 + [False] * 5
 
 
-def test_look_ahead_and_the_way_left():
+def test_the_way_ahead_and_the_way_left():
     sim = moved()
-    points, tangents = sim.look_ahead([0.0, 0.02])
+    points, tangents, _ = sim.ahead([0.0, 0.02])
     assert np.allclose(points, PAPER.tract.position(sim.tip_arclength[:, None] + [0.0, 0.02]), rtol=0, atol=1e-15)
     assert np.allclose(tangents, PAPER.tract.tangent(sim.tip_arclength[:, None] + [0.0, 0.02]), rtol=0, atol=1.5e-5)
-    assert np.array_equal(sim.distance_to(np.full(3, 0.3)), 0.3 - sim.tip_arclength)
+    assert np.array_equal(sim.remaining, PAPER.tract.length - sim.travelled)
+    sim.set_goal([0, 2], Places([0.3, 0.4]))
+    sim.refresh(np.arange(3))
+    assert np.array_equal(sim.remaining, [0.3, PAPER.tract.length, 0.4] - sim.travelled)
+    assert np.array_equal(sim.goals([2]).s, [0.4])
+    sim.step(sim.magnet)
+    assert np.array_equal(sim.remaining_trace[:, -1], sim.remaining)
 
 
 # --- the rig's servos -------------------------------------------------------------------------------------------------
@@ -256,20 +262,20 @@ def test_a_slide_stops_at_its_limits_and_carries_the_magnet():
     assert np.allclose(sim.magnet[:, 0], [0.01, -0.01], rtol=0, atol=1e-12)
 
 
-def test_loads_over_a_period_and_the_tip_s_trace():
+def test_loads_over_a_period_and_the_trace_of_the_way_left():
     """Peaks and means are over the substeps' own loads; the trace starts where the period did."""
     sim = moved()
-    before = sim.tip_arclength
+    before = sim.remaining
     sim.step(np.full((3, 1), 0.5))
-    trace = sim.tip_trace
+    trace = sim.remaining_trace
     assert trace.shape == (3, PAPER.timing.substeps + 1)
     assert np.array_equal(trace[:, 0], before)
-    assert np.array_equal(trace[:, -1], sim.tip_arclength)
+    assert np.array_equal(trace[:, -1], sim.remaining)
     assert (sim.peak_wall_force >= sim.mean_wall_force).all()
     assert (sim.mean_wall_force > 0.5 * sim.peak_wall_force).all()
     steady = Simulator(world(line(), rig=PAPER.rig, coupling="force"))
     steady.reset(tip_arclength=0.5)
-    steady.load_state(dataclasses.replace(steady.state(), velocities=np.zeros((1, 17))))
+    steady.load_state(steady.state().replaced(velocities=np.zeros((1, 17))))
     steady.step(steady.magnet)
     assert steady.peak_wall_force[0] == pytest.approx(steady.wall_force[0], rel=0.05)
     assert sim.time == pytest.approx([0.5] * 3)
@@ -290,7 +296,7 @@ BAD = [
     (lambda sim: sim.rollout(sim.state(), np.full((2, 4, 1), np.nan)), r"plans must be finite"),
     (lambda sim: sim.rollout(sim.state(), np.zeros((2, 4, 2))), r"plans must have shape \(K, H, 1\) or \(3, K, H, 1\)"),
     (lambda sim: sim.rollout(sim.state(), np.zeros((2, 2, 4, 1))), r"plans must have shape"),
-    (lambda sim: sim.load_state(Simulator(PAPER.replace(wire__segments=5)).state()), r"arclengths of shape \(1, 17\)"),
+    (lambda sim: sim.load_state(Simulator(PAPER.replace(wire__segments=5)).state()), r"wire of shape \(1, 34\)"),
     (
         lambda sim: sim.load_state(dataclasses.replace(sim.state(), lanes=np.array([0, 1, 3]))),
         r"state\.lanes .* \[0, 2\]",

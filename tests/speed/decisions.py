@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 
 import magwire_env
-from agents.controllers import CONTROLLERS
+from agents.catalogue import CONTROLLERS
 from magwire_env.envs.task import TASKS
 
 

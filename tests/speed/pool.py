@@ -3,12 +3,12 @@
 import sys
 import time
 
-from magwire_env.quasistatic.pool import KINDS, build_pool
+from magwire_env.quasistatic.pool import RECIPES, build_pool
 
 
 def main(size: int = 1000) -> None:
     print(f"| kind | {size} certified scenarios [s] | processor [s] | candidates accepted |\n|---|---|---|---|")
-    for kind in KINDS:
+    for kind in RECIPES:
         build_pool(kind, "train", 1, seed=1)  # compiles
         wall, cpu = time.perf_counter(), time.process_time()
         pool = build_pool(kind, "train", size)

@@ -33,8 +33,10 @@ def seconds_a_step(scenario: Scenario, lanes: int = 1024, threads: int | None = 
 
 def memory_a_lane(scenario: Scenario) -> float:
     """Bytes a lane of the simulator's arrays."""
-    arrays = Simulator(scenario, 1024, threads=1).arrays
-    return sum(a.nbytes for a in vars(arrays).values() if isinstance(a, np.ndarray)) / 1024
+    sim = Simulator(scenario, 1024, threads=1)
+    owners = (sim, sim.rig, sim.model)
+    arrays = {id(a): a for owner in owners for a in vars(owner).values() if isinstance(a, np.ndarray)}
+    return sum(a.nbytes for a in arrays.values()) / 1024
 
 
 def scaling(plot: Path | None) -> str:

@@ -7,9 +7,10 @@ import time
 import numpy as np
 from numba import njit
 
-from magwire_env.simulation.lanes import LANES, gather, load, spread, store
+from magwire_env.simulation.lanes import LANES, gather, load, row, spread, store
 from magwire_env.simulation.locked import algorithm1 as a1
-from magwire_env.simulation.locked.arrays import _zeros
+from magwire_env.simulation.magnetics import Magnetics
+from magwire_env.simulation.rig_arrays import aligned_zeros
 from tests.speed.measure import table
 from tests.speed.rates import TASK, max_force_actions
 
@@ -51,33 +52,29 @@ def _gathers(a, n):
 
 
 @njit(**_JIT)
-def _magnets(par, rig, magnets, clouds, cloud_of, sources, table, s, q, out):
-    for b in range(len(par)):
-        a1.tip_pose(s[b], par[b], table, out)
-        a1.magnetic_force(b, par[b], rig, magnets[b], clouds, cloud_of, sources, q, out)
+def _magnets(wires, rig, q, out):
+    wires, rig = a1.Wires(*wires), Magnetics(*rig)
+    for b in range(len(wires.par)):
+        par, s = row(wires.par, b), row(wires.s, b)
+        a1.tip_pose(load(s, wires.s.shape[1] - 1), par, wires.table, out)
+        a1.magnetic_force(b, par, rig, q, out)
 
 
 @njit(**_JIT)
-def _forces(par, wire, table, s, v, out, w, speeds, h, solve):
-    nodes = s.shape[1] // LANES
-    for b in range(len(par)):
-        for i in range(v.shape[1]):
-            speeds[i] = v[b, i]
-        a1.friction_of_speed(w, nodes, par[b], speeds)
-        a1.tip_pose(s[b], par[b], table, out)
-        a1.joint_forces(w, nodes, 0, wire[b], par[b], table, out, s[b], speeds, h)
-        if solve:
-            a1.integrate(w, nodes, par[b], speeds)
-
-
-@njit(**_JIT)
-def _poses(par, table, s, v, out, w, speeds):
-    nodes = s.shape[1] // LANES
-    for b in range(len(par)):
-        for i in range(v.shape[1]):
-            speeds[i] = v[b, i]
-        a1.friction_of_speed(w, nodes, par[b], speeds)
-        a1.tip_pose(s[b], par[b], table, out)
+def _forces(wires, out, w, speeds, h, how):
+    """how : 0 poses alone, 1 with the forces, 2 with the solve."""
+    wires = a1.Wires(*wires)
+    nodes = wires.s.shape[1]
+    for b in range(len(wires.par)):
+        par, s = row(wires.par, b), row(wires.s, b)
+        for i in range(nodes):
+            store(speeds, i, load(wires.v, b, i))
+        a1.friction_of_speed(w, nodes, par, speeds)
+        a1.tip_pose(load(s, nodes - 1), par, wires.table, out)
+        if how > 0:
+            a1.joint_forces(w, nodes, 0, row(wires.wire, b), par, wires.table, out, s, speeds, h)
+        if how > 1:
+            a1.integrate(w, nodes, par, speeds)
 
 
 def _best(run, repeats: int = 60) -> float:
@@ -93,7 +90,7 @@ def _best(run, repeats: int = 60) -> float:
 
 def ceiling() -> tuple[float, float, float]:
     """This core's double-precision FLOPs/s, bytes loaded/s from the first cache, and numbers gathered/s, measured."""
-    a, n = _zeros(1, 4096)[0], 20000
+    a, n = aligned_zeros(4096), 20000
     flops = n * 12 * LANES * 2 / _best(lambda: _multiply_adds(a, n))
     loaded = n * 64 * LANES * 8 / _best(lambda: _loads(a, n, 64))
     a[: 4 * LANES] = 12.0 * np.random.default_rng(0).integers(0, 300, 4 * LANES)
@@ -118,34 +115,31 @@ def stage_times() -> tuple[dict[str, float], int]:
     Every stage is repeated on its own on the same state; the solve and the rest are differences.
     """
     core, action = running_batch()
-    arrays, library = core.sim.arrays, core.sim.library
-    par, table, substeps = arrays.par, library.table, library.timing.substeps
-    h = library.timing.control_period / substeps
-    work = arrays._workspaces[0].copy()
-    w, out = work[: library.nodes * a1.STRIDE], _zeros(1, a1.OUT_SIZE)[0]
-    q, speeds = np.full(LANES * library.dof, np.pi), _zeros(1, arrays.v.shape[1])[0]
-    before = arrays.s.copy(), arrays.v.copy(), arrays.q.copy()
-
-    def period() -> None:
-        arrays.s[:], arrays.v[:], arrays.q[:] = before
-        arrays.step()
+    sim, library = core.sim, core.sim.library
+    model, rig, substeps = sim.model, sim.rig, library.timing.substeps
+    wires, h = model._wires, library.timing.control_period / substeps
+    w, out, q, _ = (array.copy() for array in model._works[0])
+    q[...] = np.pi
+    speeds = aligned_zeros(model.nodes, LANES)
+    moving = model._s, model._v, rig.q
+    before = [array.copy() for array in moving]
 
     def restored() -> None:
-        arrays.s[:], arrays.v[:], arrays.q[:] = before
+        for array, was in zip(moving, before, strict=True):
+            array[...] = was
 
-    rest = arrays.wire, table, arrays.s, arrays.v, out, w, speeds, h
-    magnet = _best(
-        lambda: _magnets(
-            par, library.rig, arrays.magnets, arrays.clouds, arrays.cloud_of, library.sources, table, arrays.s, q, out
-        )
-    )
-    poses = _best(lambda: _poses(par, table, arrays.s, arrays.v, out, w, speeds))
-    forces = _best(lambda: _forces(par, *rest, False))
-    solved = _best(lambda: _forces(par, *rest, True))
+    def period() -> None:
+        restored()
+        model.step()
+
+    magnet = _best(lambda: _magnets(wires, rig.magnetics, q, out))
+    poses = _best(lambda: _forces(wires, out, w, speeds, h, 0))
+    forces = _best(lambda: _forces(wires, out, w, speeds, h, 1))
+    solved = _best(lambda: _forces(wires, out, w, speeds, h, 2))
     whole = _best(period, 60) - _best(restored)
-    step, arrays.step = arrays.step, lambda: None
+    model.step = lambda: None
     envs = _best(lambda: core.step(action)) + _best(core.observe)
-    arrays.step = step
+    del model.step
     stages = {
         "i, the magnet's force (once more at the end)": (substeps + 1) * magnet,
         "ix, iv, v, vii and the first elimination": substeps * (forces - poses),
@@ -153,7 +147,7 @@ def stage_times() -> tuple[dict[str, float], int]:
     }
     stages["viii, servo, traces, results"] = whole - sum(stages.values())
     stages["command, reward, observation, info"] = envs
-    return stages, 1024 * library.nodes * substeps
+    return stages, 1024 * model.nodes * substeps
 
 
 def where_the_time_goes() -> str:

@@ -1,12 +1,10 @@
 """Small worlds for the tests, and forces as a wire itself feels them."""
 
-import dataclasses
-
 import numpy as np
 
 from magwire_env.physics import CylinderMagnet, Guidewire, PointDipole, Tract
 from magwire_env.scenario import ActuatedMagnet, Contact, Rig, Scenario, Timing, Turn
-from magwire_env.simulation import Simulator, SimulatorState
+from magwire_env.simulation import Simulator
 
 FAR = ActuatedMagnet(PointDipole(1e-6), (0.0, 0.0, 90.0), (Turn("y"),))
 """A magnet that pulls with less than 1e-20 N."""
@@ -55,9 +53,7 @@ def placed(sim: Simulator, arclengths=None, velocities=None, magnet=None) -> Sim
     state = sim.state([0])
     given = {"arclengths": arclengths, "velocities": velocities, "magnet": magnet}
     new = {k: np.broadcast_to(v, getattr(state, k).shape).astype(float) for k, v in given.items() if v is not None}
-    sim.load_state(
-        SimulatorState(**{f.name: new.get(f.name, getattr(state, f.name)) for f in dataclasses.fields(state)})
-    )
+    sim.load_state(state.replaced(**new))
     return sim
 
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import magwire_env  # noqa: F401  (registers the ids)
+from agents.benchmark.certificates import ride
 from agents.controllers import MPPI, MPPISettings, NetForce
-from agents.evaluation.certified import ride
 from agents.evaluation.evaluator import evaluate
 from magwire_env import Scenario
 from magwire_env.quasistatic.pool import scenario_pool
@@ -128,8 +128,8 @@ def test_bad_settings_are_refused(name, value, allowed):
         MPPISettings(**{name: value})
 
 
-def test_settings_and_single_knobs_do_not_mix():
-    with pytest.raises(ValueError, match="settings must not come with single knobs, got samples"):
+def test_settings_and_single_ones_do_not_mix():
+    with pytest.raises(ValueError, match="settings must not come with single ones, got samples"):
         MPPI.from_env(gym.make("MagWire/Steer-v0"), settings=SMALL, samples=64)
     with pytest.raises(TypeError, match="colour"):
         MPPI.from_env(gym.make("MagWire/Steer-v0"), colour=3)

@@ -1,4 +1,4 @@
-"""Statistics against closed forms; episodes, their scores and their tracts; the command's table."""
+"""Episodes, their scores, their tracts, their table."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ import json
 import gymnasium as gym
 import numpy as np
 import pytest
-from scipy.stats import trim_mean
 
-from agents.cli.main import main as magwire
+from agents.catalogue import CONTROLLERS
 from agents.controllers import MaxForce, NetForce
-from agents.evaluation.evaluator import EVALUATION_SEED, Episodes, evaluate, make_batch, table
-from agents.evaluation.statistics import interquartile_mean, interval, median, performance_profile, stratified_bootstrap
+from agents.evaluation.episodes import EVALUATION_SEED
+from agents.evaluation.evaluator import Episodes, evaluate, make_batch, paired_ratio, table
 from magwire_env.quasistatic.pool import scenario_pool
 
 ID = "MagWire/Steer-v0"
@@ -25,68 +24,6 @@ def made(policy: str, time: list[float], **changed: np.ndarray) -> Episodes:
     fields = {f.name: np.zeros(len(t)) for f in dataclasses.fields(Episodes) if f.name != "policy"}
     fields |= {"success": np.isfinite(t), "time": t, "rms_error": np.full(len(t), np.nan), "goal": np.ones(len(t))}
     return Episodes(policy, **fields | changed)
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 8, 11, 40])
-def test_the_interquartile_mean_is_scipys_trimmed_mean(n):
-    values = np.random.default_rng(n).standard_normal((3, n))
-    assert interquartile_mean(values) == pytest.approx(trim_mean(values, 0.25, axis=1), abs=1e-12)
-
-
-def test_the_interquartile_mean_of_known_numbers():
-    assert interquartile_mean(np.array([100.0, 3.0, 1.0, 2.0, -50.0, 4.0, 0.0, 5.0])) == 2.5
-
-
-def test_the_bootstrap_interval_covers_the_true_value_as_often_as_it_says():
-    rng = np.random.default_rng(0)
-    hits = 0
-    for i in range(300):
-        groups = [rng.normal(centre, 1.0, 30) for centre in (0.0, 3.0)]
-        _, low, high = stratified_bootstrap(groups, lambda x: x.mean(axis=-1), resamples=300, seed=i)
-        hits += low <= 1.5 <= high
-    # 95 % less the bootstrap's known shortfall of √(29/30) in width; three standard errors of 300 trials to each side.
-    assert 0.90 < hits / 300 < 0.985
-
-
-def test_strata_are_resampled_within_themselves():
-    groups = [np.zeros(5), np.ones(15)]
-    assert stratified_bootstrap(groups, lambda x: x.mean(axis=-1)) == (0.75, 0.75, 0.75)
-    value, low, high = stratified_bootstrap([np.concatenate(groups)], lambda x: x.mean(axis=-1))
-    assert low < value < high
-
-
-def test_the_bootstraps_width_is_that_of_the_mean():
-    values = np.random.default_rng(3).standard_normal(400)
-    _, low, high = stratified_bootstrap([values], lambda x: x.mean(axis=-1), resamples=4000)
-    assert high - low == pytest.approx(2 * 1.96 * values.std() / 20, rel=0.05)
-
-
-def test_intervals_of_nothing_are_not_numbers():
-    assert all(np.isnan(interval([], median)))
-    assert all(np.isnan(interval([np.empty(0)], median)))
-    assert interval([np.empty(0), np.ones(3)], median) == (1.0, 1.0, 1.0)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (([],), "groups must be arrays"),
-        (([np.empty(0)],), "groups must be arrays"),
-        (([np.array([1.0, np.nan])],), "got NaN"),
-        (([np.ones(3)], median, 100, 1.0), "confidence must lie in"),
-        (([np.ones(3)], median, 0), "resamples must be"),
-    ],
-)
-def test_the_bootstrap_refuses_bad_input(arguments, words):
-    with pytest.raises(ValueError, match=words):
-        stratified_bootstrap(*arguments)
-
-
-def test_the_performance_profile_is_one_less_the_distribution():
-    scores = np.array([0.0, 0.5, 1.0, 1.0])
-    assert performance_profile(scores, np.array([-0.1, 0.0, 0.4, 0.5, 1.0])).tolist() == [1.0, 0.75, 0.75, 0.5, 0.0]
-    both = performance_profile(np.stack([scores, scores + 1.0]), np.array([0.5]))
-    assert both.tolist() == [[0.5], [1.0]]
 
 
 def test_scores_are_pars_time_over_ones_own():
@@ -165,12 +102,29 @@ def test_the_table_has_a_score_where_there_is_a_par():
     assert len({line.count("|") for line in text.splitlines()}) == 1
 
 
-def test_the_command_without_a_par(tmp_path, capsys):
-    magwire(["evaluate", "NetForce", "--episodes", "2", "--no-par", "--out", str(tmp_path / "r.json")])
-    text = capsys.readouterr().out
-    assert "| NetForce | 100.0% |" in text
+@pytest.fixture(scope="module")
+def rows():
+    return {name: evaluate(c.from_env, ID, 24, name=name) for name, c in CONTROLLERS.items()}
+
+
+def test_the_papers_policy_reaches_the_end_every_time_and_a_blind_one_does_not(rows):
+    assert rows["MaxForce"].success.all()
+    assert rows["ConstantRotation"].success.mean() < 0.2
+    assert rows["Random"].success.mean() < 0.5
+
+
+def test_evaluation_is_the_same_twice_and_paired(rows):
+    again = evaluate(MaxForce.from_env, ID, 24)
+    assert np.array_equal(again.time, rows["MaxForce"].time)
+    assert paired_ratio(again, rows["MaxForce"]) == 1.0
+    # The first lanes of a longer evaluation are the episodes of a shorter one.
+    assert np.array_equal(evaluate(MaxForce.from_env, ID, 5).time, again.time[:5])
+
+
+def test_the_interval_brackets_the_median_and_the_table_shows_all(rows):
+    median, low, high = rows["MaxForce"].median_time()
+    assert 6.0 < low < median < high < 9.0
+    text = table(list(rows.values()))
+    assert len(text.splitlines()) == 2 + len(rows)
     assert "| MaxForce | 100.0% |" in text
-    assert "score" not in text
-    stored = json.loads((tmp_path / "r.json").read_text())["NetForce"]
-    assert len(stored["episodes"]["cost"]) == 2
-    assert "score" not in stored["summary"]
+    assert rows["ConstantRotation"].to_json()["episodes"]["time"].count(None) > 10

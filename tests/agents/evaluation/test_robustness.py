@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 from PIL import Image
 
-from agents.cli.main import main as magwire
 from agents.controllers import MaxForce, NetForce
 from agents.evaluation.evaluator import evaluate, make_batch
 from agents.evaluation.robustness import DISTURBANCES, Disturbance, heat_map, sweep, sweep_scores
@@ -62,12 +59,12 @@ def test_it_lasts_through_the_episode_and_leaves_the_model_alone():
     env = make_batch(ID, 2, {})
     core = env.unwrapped.core
     controller = NetForce.from_env(env)
-    known = controller._table.copy()
-    strength = core.sim.arrays.magnets.copy()
+    known = controller._commands.copy()
+    strength = core.sim.rig.magnetics[1].copy()
     evaluate(controller, ID, 2, env=env, disturb=BY_NAME["remanence +10 %"].apply)
-    assert np.abs(core.sim.arrays.magnets - strength).max() > 0
+    assert np.abs(core.sim.rig.magnetics[1] - strength).max() > 0
     assert core.sim.library.scenarios == (Scenario.paper(),)
-    assert np.array_equal(NetForce.from_env(env)._table, known)
+    assert np.array_equal(NetForce.from_env(env)._commands, known)
     # What a rollout expects is still what the nominal scenario would do.
     state = core.sim.state()
     plan = np.full((1, 3, 1), 3.0)
@@ -121,13 +118,3 @@ def test_the_heat_map_and_its_numbers(tmp_path):
     with Image.open(path) as picture:
         assert picture.text["Source"] == "abc"
         assert picture.width > 900
-
-
-def test_the_command(tmp_path, capsys):
-    magwire(["robustness", "MaxForce", "--episodes", "2", "--no-par", "--out", str(tmp_path)])
-    assert {p.name for p in tmp_path.iterdir()} == {"MaxForce.png", "MaxForce.json"}
-    assert "MaxForce.png" in capsys.readouterr().out
-    data = json.loads((tmp_path / "MaxForce.json").read_text())
-    assert len(data["rows"]) == len(DISTURBANCES)
-    with pytest.raises(SystemExit, match="episodes must be at least 1"):
-        magwire(["robustness", "MaxForce", "--episodes", "0"])

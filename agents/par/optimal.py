@@ -1,4 +1,4 @@
-"""The par: the best plan that is found for an episode before it begins, replayed."""
+"""The par as a controller: it plans an episode before it begins, and replays the plan."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from ..par.cache import Cache
-from ..par.planner import Plans, best_plans
-from ..par.refinement import Refinement
-from ..par.starts import Starts, commands_of
-from .base import Controller
+from ..controllers.base import Controller, Memory
+from .cache import Cache
+from .planner import Plans, best_plans
+from .refinement import Refinement
+from .starts import Starts, commands_of
 
 __all__ = ["Optimal"]
 
 
 class Optimal(Controller):
-    """Plans whole episodes where they start, in the simulator, and replays the plans; what it needs is the par.
+    """Plans whole episodes from their starts, in the simulator, and replays the plans. Its time is the par.
 
-    Knows: everything; the model as the scenario has it, the true state, the whole of a tracking task's reference. Not
-    what `Variation` draws, nor the limit that ends an episode under `safety`.
+    Knows: everything: the model as the scenario has it, the true state, the whole reference of a tracking task. It does
+    not know what `Variation` draws, nor the limit that ends an episode under `safety`.
 
     settings : of the refinement, see `Refinement`
     cache : folder of plans made before; by default ``$MAGWIRE_CACHE/par`` or ``~/.cache/magwire/par``, False for none
-    again : also plan the episodes with which a batch follows a lane's first by itself (next-step autoreset). By default
-        the magnets then rest, since each would be planned alone while the other lanes still run
+    again : also plan the episodes that a batch begins by itself after a lane's first one (next-step autoreset). By
+        default the magnets rest in these episodes, because each would be planned alone while the other lanes still run
     """
 
     def __init__(
@@ -47,12 +47,14 @@ class Optimal(Controller):
         self.again = again
         n, core = self.core.sim.num_envs, self.core
         self._actions = np.zeros((n, core.step_limit, core.sim.dof), dtype=np.float32)
-        self._start = np.full((n, 2 + core.sim.dof + core.reference.shape[1]), np.nan)
+        self._start = np.full((n, 2 + core.sim.dof + core.episodes.reference.shape[1]), np.nan)
         self._entry, self._ended = np.full(n, -1), np.zeros(n, dtype=np.bool_)
         self.time = np.full(n, np.nan)
-        """(n,) s that the lanes' plans take, in a tracking task their RMS error in m; NaN without success."""
+        """(n,) s, duration of the lanes' plans, in a tracking task their RMS error in m; NaN without success."""
 
-    def act(self, observation, state, starts, deterministic):
+    def act(
+        self, observation: np.ndarray, state: Memory, starts: np.ndarray, deterministic: bool
+    ) -> tuple[np.ndarray, Memory]:
         core, sim = self.core, self.core.sim
         steps, lanes = core.steps.astype(np.int64), np.arange(core.sim.num_envs)
         self._ended |= starts & (steps > 0)
@@ -69,7 +71,7 @@ class Optimal(Controller):
         return np.where(resting[:, None], rest, planned), state
 
     def _plan(self, lanes: np.ndarray) -> None:
-        """Plans for the episodes that begin in `lanes`, but for those that have theirs."""
+        """Plan the episodes that begin in `lanes`, except those that already have a plan."""
         if not len(lanes):
             return
         new = Starts.of(self.core, lanes)

@@ -1,7 +1,7 @@
-"""What certificates promise, put to the test: certified wires ridden to their goals, refused ones until they stop.
+"""An experiment on certificates: do certified wires reach their goals, and do refused ones stop where they should?
 
-``python -m agents.evaluation.certified`` prints it at full size: 500 certified and 200 refused scenarios of the
-test split.
+``python -m agents.benchmark.certificates`` prints it at full size: 500 certified and 200 refused scenarios of the test
+split.
 """
 
 from __future__ import annotations
@@ -16,21 +16,23 @@ import gymnasium as gym
 import numpy as np
 
 import magwire_env  # noqa: F401  (registers the ids)
-from magwire_env.quasistatic.pool import KINDS, candidates
+from magwire_env.quasistatic.pool import RECIPES, candidates
 from magwire_env.scenario import Scenario
 from magwire_env.simulation import Certificate, certify
 
-from ..controllers import CONTROLLERS, Controller, MaxForce, NetForce
+from ..catalogue import CONTROLLERS
+from ..controllers import Controller, MaxForce, NetForce
+from ..evaluation.episodes import EVALUATION_SEED, built, episodes
 
 __all__ = ["Ride", "main", "ride", "ride_certified", "ride_refused", "sorted_candidates", "stops_near"]
 
 NEAR = 0.02
-"""A refused wire should stop this near to the first blocked place, m."""
+"""A refused wire should stop within this distance of the first blocked place, m."""
 
 
 @dataclass(frozen=True)
 class Ride:
-    """One episode a scenario, (n,) each.
+    """One episode in each of n scenarios, (n,) each.
 
     success : reached the goal
     furthest : m, largest arc length of the tip
@@ -47,40 +49,34 @@ def ride(
     kind: str,
     scenarios: Sequence[Scenario],
     options: dict[str, Any] | None = None,
-    seed: int = 1_000_000,
+    seed: int = EVALUATION_SEED,
 ) -> Ride:
-    """One episode of the kind's task in every scenario, side by side; `policy` makes the policy from the batch."""
+    """One episode of the kind's task in every scenario, side by side; `policy` makes the policy for the batch."""
     n = len(scenarios)
     env = gym.make_vec(f"MagWire/{kind}-v0", num_envs=n, scenario=list(scenarios), autoreset_mode="NextStep")
-    actor = policy(env)
+    actor = built(policy, env)
     observation, _ = env.reset(seed=seed, options=options)
     sim = env.unwrapped.core.sim  # type: ignore[attr-defined]
-    success, finish, running = np.zeros(n, dtype=np.bool_), np.full(n, np.nan), np.ones(n, dtype=np.bool_)
-    furthest = sim.tip_arclength
-    state, starts = None, np.ones(n, dtype=np.bool_)
-    while running.any():
-        action, state = actor.predict(observation, state=state, episode_start=starts)
-        observation, _, terminated, truncated, infos = env.step(action)
-        furthest = np.where(running, np.maximum(furthest, sim.tip_trace.max(axis=1)), furthest)
-        starts = terminated | truncated
-        ended = running & starts
-        if ended.any():
-            success[ended] = infos["is_success"][ended]
-            finish[ended] = infos["summary"]["time"][ended]
-            running &= ~ended
+    success, finish, furthest = np.zeros(n, dtype=np.bool_), np.full(n, np.nan), sim.tip_arclength
+    for step in episodes(env, actor, observation):
+        reached = (sim.goals().s[:, None] - sim.remaining_trace).max(axis=1)
+        furthest = np.where(step.running, np.maximum(furthest, reached), furthest)
+        if step.ended.any():
+            success[step.ended] = step.info["is_success"][step.ended]
+            finish[step.ended] = step.info["summary"]["time"][step.ended]
     env.close()
     return Ride(success, furthest, np.where(success, finish, np.nan))
 
 
 def ride_certified(
-    policy: Callable[[Any], Any], kind: str, found: Sequence[tuple[Scenario, Certificate]], seed: int = 1_000_000
+    policy: Callable[[Any], Any], kind: str, found: Sequence[tuple[Scenario, Certificate]], seed: int = EVALUATION_SEED
 ) -> Ride:
-    """Episodes as the task starts them, tip and magnet anywhere in their ranges."""
+    """Episodes that start as in the task, with tip and magnet anywhere in their ranges."""
     return ride(policy, kind, [sc for sc, _ in found], seed=seed)
 
 
 def ride_refused(policy: Callable[[Any], Any], kind: str, found: Sequence[tuple[Scenario, Certificate]]) -> Ride:
-    """Episodes from where each certificate starts, under its first command; before the blocked place, that is."""
+    """Episodes from the start of each certificate, under its first command, so before the blocked place."""
     options = {
         "tip_arclength": np.array([c.arclengths[0] for _, c in found]),
         "magnet_angle": np.array([c.commands[0] for _, c in found]),
@@ -92,7 +88,7 @@ Found = list[tuple[Scenario, Certificate]]
 
 
 def sorted_candidates(kind: str, certified: int, refused: int, split: str = "test", seed: int = 0) -> dict[str, Found]:
-    """The first `certified` solvable and `refused` blocked candidates of a pool, and all looked at ("tried")."""
+    """The first `certified` solvable and `refused` blocked candidates of a pool, and all that were tried."""
     found: dict[str, Found] = {"certified": [], "refused": [], "tried": []}
     while len(found["certified"]) < certified or len(found["refused"]) < refused:
         batch = candidates(kind, split, 64, seed, len(found["tried"]))
@@ -120,7 +116,7 @@ def report(
     split: str = "test",
     policies: Sequence[type[Controller]] = (NetForce, MaxForce),
 ) -> str:
-    """The promise at the sizes given, as lines of text."""
+    """The experiment at the given sizes, as lines of text."""
     began = time.perf_counter()
     found = sorted_candidates(kind, certified, refused, split)
     seconds = time.perf_counter() - began
@@ -152,9 +148,9 @@ def report(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """The command: certified and refused scenarios ridden by NetForce and MaxForce, or by `--policies`."""
-    parser = argparse.ArgumentParser(prog="python -m agents.evaluation.certified", description=main.__doc__)
-    parser.add_argument("--kind", choices=list(KINDS), default="SteerAny")
+    """Steer through certified and refused scenarios with NetForce and MaxForce, or with `--policies`."""
+    parser = argparse.ArgumentParser(prog="python -m agents.benchmark.certificates", description=main.__doc__)
+    parser.add_argument("--kind", choices=list(RECIPES), default="SteerAny")
     parser.add_argument("--certified", type=int, default=500)
     parser.add_argument("--refused", type=int, default=200)
     parser.add_argument("--split", default="test")

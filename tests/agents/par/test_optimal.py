@@ -5,9 +5,12 @@ import numpy as np
 import pytest
 
 import magwire_env  # noqa: F401  (registers the ids)
-from agents.controllers import MaxForce, NetForce, Optimal
-from agents.evaluation.evaluator import EVALUATION_SEED, evaluate
+from agents.controllers import MaxForce, NetForce
+from agents.evaluation.episodes import EVALUATION_SEED
+from agents.evaluation.evaluator import evaluate
+from agents.par.optimal import Optimal
 from agents.par.refinement import Refinement
+from magwire_env.envs.kernels import EPISODE
 from magwire_env.quasistatic.pool import scenario_pool
 
 STEER, REACH, TRACK = "MagWire/Steer-v0", "MagWire/Reach-v0", "MagWire/Track-v0"
@@ -93,7 +96,7 @@ def test_every_reset_is_planned_but_not_what_a_batch_goes_on_with_by_itself():
     assert starts.all()
     core = env.unwrapped.core
     env.step(par.predict(observation, None, starts)[0])  # the batch begins anew by itself
-    core.steps[1] = 1.0  # one lane is elsewhere, so it is no reset of all
+    core.episodes.lanes[EPISODE.steps, 1] = 1.0  # one lane is elsewhere, so it is no reset of all
     rest = par.predict(core.observe(), None, np.zeros(2, dtype=bool))[0]
     assert np.array_equal(par._actions, plan)
     assert rest[0] == pytest.approx(core.actuation.action(core.sim.magnet)[0])

@@ -1,0 +1,154 @@
+"""All policies by name: the classical controllers, the par, those that users register, and trained models.
+
+A controller of your own needs no edit of this package. Give its class to `register_controller`:
+
+>>> import numpy as np
+>>> from agents.catalogue import CONTROLLERS, register_controller
+>>> from agents.controllers import Controller
+>>> from agents.evaluation import evaluate
+>>> @register_controller
+... class AtHome(Controller):
+...     \"\"\"Holds every magnet at home.\"\"\"
+...
+...     def act(self, observation, state, starts, deterministic):
+...         return self.core.actuation.action(self.core.sim.library.home[self.core.sim.lane_scenario]), state
+>>> evaluate(CONTROLLERS["AtHome"].from_env, "MagWire/Steer-v0", episodes=2).success.tolist()
+[True, True]
+>>> del CONTROLLERS["AtHome"]
+
+Commands take such a class as ``module:Class``; the module need only be importable:
+
+    magwire evaluate my_controllers:AtHome --task MagWire/Chase-v0
+    magwire benchmark --controllers my_controllers:AtHome --only AtHome
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from magwire_env.envs.task import TASKS
+from magwire_env.render.extra import need
+
+from .controllers import (
+    MPPI,
+    PD,
+    ConstantRotation,
+    Controller,
+    ExtremumSeeking,
+    MaxForce,
+    NetForce,
+    Random,
+)
+from .par.optimal import Optimal
+
+__all__ = ["CONTROLLERS", "FLOORS", "PAR", "REFERENCE", "Entrant", "controller", "register_controller", "resolve"]
+
+CONTROLLERS: dict[str, type[Controller]] = {
+    c.__name__: c for c in (MaxForce, NetForce, ExtremumSeeking, PD, MPPI, Optimal, ConstantRotation, Random)
+}
+"""Name → class. `register_controller` adds to it."""
+
+PAR = Optimal.__name__
+"""The controller that scores are measured by."""
+
+REFERENCE = MaxForce.__name__
+"""The controller that others are compared with: the paper's own policy."""
+
+FLOORS = tuple(name for name, c in CONTROLLERS.items() if c.sees_nothing)
+"""Controllers that see nothing."""
+
+_DEFAULT_TASK = "MagWire/Steer-v0"
+
+C = TypeVar("C", bound=type)
+
+
+def register_controller(kind: C, name: str | None = None) -> C:
+    """Give a controller a name, by default that of its class; returns the class, so it also serves as a decorator.
+
+    kind : a subclass of `Controller`, or any class whose ``from_env(env)`` returns something with SB3's ``predict``
+
+    Raises `ValueError` for a name that is taken or has a ":" or "/" in it, or a class without ``from_env``.
+    """
+    name = kind.__name__ if name is None else name
+    if not callable(getattr(kind, "from_env", None)):
+        raise ValueError(f"kind must be a class with from_env(env), such as a Controller, got {kind!r}")
+    if name in CONTROLLERS:
+        raise ValueError(f"name must not be taken, got {name!r}, which is {CONTROLLERS[name]!r}")
+    if not name or set(name) & set(":/\\"):
+        raise ValueError(f"name must be a word without ':' and '/', got {name!r}")
+    CONTROLLERS[name] = kind
+    return kind
+
+
+def controller(name: str) -> type[Controller] | None:
+    """The class of a controller, given by its name or as ``module:Class``; None for anything else.
+
+    Raises `ValueError` for a module that cannot be imported, or one without such a class.
+    """
+    if name in CONTROLLERS:
+        return CONTROLLERS[name]
+    module, colon, attribute = name.partition(":")
+    if not colon or Path(name).exists():
+        return None
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"policy must be an importable module:Class, got {name!r}: {error}") from error
+    if not callable(getattr(found, "from_env", None)):
+        raise ValueError(f"policy must name a class with from_env(env), such as a Controller, got {name!r}")
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Entrant:
+    """A policy that is ready to be evaluated.
+
+    policy : with SB3's ``predict``, or a callable that makes such a policy from an env
+    name : for tables
+    task : environment id
+    settings : keyword arguments of its env
+    """
+
+    policy: Any
+    name: str
+    task: str
+    settings: dict[str, Any]
+
+    @property
+    def same_episodes(self) -> dict[str, Any]:
+        """Keyword arguments of an env with the same episodes and the task's own observation and action."""
+        return {key: value for key, value in self.settings.items() if key in ("scenario", "split")}
+
+
+def resolve(policy: str, task: str | None = None, scenario: str | None = None, split: str | None = None) -> Entrant:
+    """The policy of a name: a controller's, ``module:Class``, or a run or model folder.
+
+    task : by default the model's own task, or MagWire/Steer-v0
+    scenario : a TOML file or a shipped name, in place of the task's
+    split : of a generated task's tracts, unless there is a scenario
+
+    Raises `ValueError` for a name that is none of these.
+    """
+    settings: dict[str, Any] = {}
+    made: Any
+    if (kind := controller(policy)) is not None:
+        made, name = kind.from_env, policy.rpartition(":")[2]
+    elif Path(policy).is_dir():
+        need("stable_baselines3", "a trained model", "train")
+        from .learning.sb3 import load
+
+        made, name = load(policy), Path(policy).name
+        task, settings = task or made.meta["task"], dict(made.meta.get("env", {}))
+    else:
+        raise ValueError(
+            f"policy must be a model folder or one of {', '.join(CONTROLLERS)} or module:Class; got {policy!r}"
+        )
+    task = task or _DEFAULT_TASK
+    if scenario is not None:
+        settings["scenario"] = scenario
+    elif split is not None and task in TASKS and TASKS[task].pool is not None and "scenario" not in settings:
+        settings["split"] = split
+    return Entrant(made, name, task, settings)

@@ -1,0 +1,77 @@
+"""The env's own judgement, for episodes that were simulated without an env.
+
+Nothing else in `agents` calls the env's kernels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from magwire_env.envs import kernels
+from magwire_env.envs.kernels import EPISODE, VALUE
+from magwire_env.envs.rewards import TERMS
+from magwire_env.envs.task import Task
+from magwire_env.simulation.lanes import LANES
+from magwire_env.simulation.readout import ROW
+
+__all__ = ["Verdict", "verdict"]
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """The env's judgement of n episodes of at most H control periods.
+
+    success : (n,); in a tracking task for the whole horizon
+    steps : (n,) control periods until the episode ended; H if it did not
+    time : (n,) s until it ended, to the crossing of the goal in a steering task; NaN if it did not
+    alive : (H, n) the tip was in the tract up to the end of this control period
+    rms_error : (n,) m over all H control periods, of a tracking task
+    """
+
+    success: np.ndarray
+    steps: np.ndarray
+    time: np.ndarray
+    alive: np.ndarray
+    rms_error: np.ndarray
+
+
+def verdict(
+    task: Task, trace: np.ndarray, goal: np.ndarray, reference: np.ndarray, step_limit: int, period: float
+) -> Verdict:
+    """Judge recorded episodes by the env's kernel.
+
+    trace : (H, substeps + 1, n) m, tip arc lengths through every control period
+    goal : (n,) m
+    reference : (n, H + 1 or more) m, of a tracking task
+    step_limit : control periods that an episode lasts at most
+    period : control period, s
+    """
+    horizon, points, n = trace.shape
+    width = -(-n // LANES) * LANES  # kernels work on whole blocks of lanes
+    left = np.zeros((horizon, points, width))  # ways left to the goals, m
+    left[:, :, :n] = (reference[:, 1 : horizon + 1].T[:, None] if task.kind.follows else goal) - trace
+    rule = task.kind.rule
+    lanes, readout = np.zeros((len(EPISODE), width)), np.zeros((len(ROW), width))
+    lanes[EPISODE.start_distance] = lanes[EPISODE.route_length] = 1.0
+    lanes[EPISODE.wall_limit] = np.inf
+    values, summary = np.empty((len(VALUE), width)), np.zeros((len(kernels.SUMMARY), n))
+    unsafe, weights = 0.0, np.zeros(len(TERMS))  # no safety mode, and rewards are not asked for
+    running, success, alive = np.ones(n, np.bool_), np.zeros(n, np.bool_), np.ones((horizon, n), np.bool_)
+    steps, time = np.full(n, horizon), np.full(n, np.nan)
+    for step in range(horizon):
+        readout[ROW.travelled, :n], readout[ROW.remaining] = trace[step, -1], left[step, -1]
+        diverged = kernels.judge(
+            n, rule, readout, left[step], step_limit, period, task.tolerance, task.hold, unsafe, weights, lanes, values
+        )
+        if diverged >= 0:
+            raise RuntimeError(f"the wire of plan {diverged} has diverged: its tip is at {trace[step, -1, diverged]} m")
+        won, terminated, truncated = values[[VALUE.success, VALUE.terminated, VALUE.truncated], :n] > 0.0
+        alive[step] = ~(terminated & ~won)
+        ended = running & (terminated | truncated)
+        kernels.summarise(np.flatnonzero(ended), rule, left[step], period, lanes, summary)
+        steps[ended], time[ended], success[ended] = step + 1, summary[1, ended], won[ended]
+        running &= ~ended
+    kernels.summarise(np.arange(n), rule, left[-1], period, lanes, summary)
+    return Verdict(success, steps, time, np.logical_and.accumulate(alive, axis=0), summary[-1])

@@ -1,0 +1,118 @@
+"""How kernels are compiled, and a compiled cache that cannot be stale.
+
+Numba keeps machine code on disk under a stamp of the file that holds the function. A kernel also depends on the
+functions it calls and the constants it reads, which stand in other files, so an edit there, or an upgrade in place,
+would leave old code in use. The stamp here covers every source file a kernel may depend on: those of the floors below
+the environments, and those beside the kernel itself. The processor's name and features are part of Numba's own key.
+
+A folder that cannot be written, and a cache file that is damaged, cost a compilation and never an error.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import pickle
+import warnings
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+from numba import njit
+from numba.core.caching import FunctionCache, NullCache
+
+__all__ = ["inlined", "kernel", "precise", "source_stamp"]
+
+_FLAGS: dict[str, Any] = {
+    "cache": False,
+    "nogil": True,
+    "error_model": "numpy",
+    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
+}
+"""The default error model's check for division by zero would stop vectorisation; plain ``fastmath=True`` would make
+checks for NaN undefined."""
+
+_PACKAGE = Path(__file__).parents[1]
+_FLOORS = ("physics", "lumen", "scenario", "simulation", "quasistatic")
+"""Folders whose files any kernel may depend on."""
+
+_DAMAGE = (pickle.UnpicklingError, EOFError, OSError, AttributeError, ImportError, IndexError, KeyError, TypeError,
+           ValueError, RuntimeError)  # fmt: skip
+"""What a truncated or foreign cache file raises while it is read."""
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def kernel(function: F) -> F:
+    """Compile `function` when it is first called, or load it from the cache of these very sources."""
+    return _cached(function, njit(**_FLAGS)(function))
+
+
+def precise(function: F) -> F:
+    """As `kernel`, but the compiler may not reorder sums: for code off the hot path that must be exact to the bit."""
+    return _cached(function, njit(nogil=True, error_model="numpy")(function))
+
+
+def inlined(function: F) -> F:
+    """As `kernel`, and the compiler puts the function's body in the place of every call."""
+    return _cached(function, njit(**_FLAGS, forceinline=True)(function))
+
+
+@lru_cache
+def source_stamp(folder: Path) -> str:
+    """A digest of every source file that a kernel in `folder` may depend on."""
+    folders = dict.fromkeys([*(_PACKAGE / name for name in _FLOORS), folder])
+    digest = hashlib.sha256()
+    for file in sorted({file for each in folders for file in each.rglob("*.py")}):
+        digest.update(str(file.relative_to(_PACKAGE) if file.is_relative_to(_PACKAGE) else file).encode())
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def _cached(function: F, dispatcher: Any) -> F:
+    try:
+        dispatcher._cache = _StampedCache(function)
+    except RuntimeError:  # Numba finds no folder that it may write: neither the package's nor the user's
+        dispatcher._cache = NullCache()
+    return dispatcher
+
+
+class _StampedCache(FunctionCache):
+    """Numba's cache of one function, under the stamp of all its sources."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        stamp = source_stamp(Path(inspect.getfile(function)).parent)
+        self._cache_file._source_stamp = (self._cache_file._source_stamp, stamp)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled function, or None if there is none, or only a damaged one, which is compiled and saved anew."""
+        try:
+            return super().load_overload(sig, target_context)
+        except _DAMAGE:
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Save the compiled function. A full or read-only disk is said once; the function works all the same."""
+        try:
+            super().save_overload(sig, data)
+        except _DAMAGE:
+            self._replace(sig, data)
+
+    def _replace(self, sig: Any, data: Any) -> None:
+        try:
+            self.flush()
+            super().save_overload(sig, data)
+        except _DAMAGE as error:
+            self.disable()
+            _say_once(f"{type(error).__name__}: {error}")
+
+
+@lru_cache
+def _say_once(reason: str) -> None:
+    warnings.warn(
+        f"compiled kernels cannot be cached ({reason}); they are compiled anew in every process. "
+        "Set NUMBA_CACHE_DIR to a folder that can be written.",
+        stacklevel=2,
+    )

@@ -1,0 +1,64 @@
+"""The scenarios of a batch as rows of numbers, shared by all arrays of lanes that run them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..scenario import Scenario
+from .model import model_class
+from .rig_arrays import RigLibrary
+from .servo import LIMIT
+
+__all__ = ["Library", "Limits"]
+
+
+class Limits(NamedTuple):
+    """What a rig's degrees of freedom can do, (entries, dof) each.
+
+    speed : rad/s, m/s or A/s at most
+    low, high : rad, m or A; of a turn the circle about its home
+    """
+
+    speed: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    def of(self, entries: np.ndarray) -> Limits:
+        """The limits of `entries` (n,), (n, dof) each."""
+        return Limits(*(column[entries] for column in self))
+
+
+class Library:
+    """Scenarios as rows, one row an entry.
+
+    scenarios : the entries
+    timing, model : what they have in common
+    rigs, wires : rows of the rig, and the wire model's own
+    dof, magnet_count, is_turn, home : see `RigLibrary`
+    limits : `Limits`
+    wire_length, tract_length : (entries,) m
+
+    Raises `ValueError` if the scenarios differ in timing, wire model or the kinds of their degrees of freedom.
+    """
+
+    def __init__(self, scenarios: Sequence[Scenario]) -> None:
+        if not scenarios:
+            raise ValueError("scenario must be one scenario or a sequence of at least one, got none")
+        self.scenarios = tuple(scenarios)
+        self.timing, self.model = self.scenarios[0].timing, self.scenarios[0].model
+        for i, sc in enumerate(self.scenarios):
+            if sc.timing != self.timing:
+                raise ValueError(f"scenario[{i}].timing must be that of the batch, {self.timing}, got {sc.timing}")
+            if sc.model != self.model:
+                raise ValueError(f"scenario[{i}].model must be that of the batch, {self.model!r}, got {sc.model!r}")
+        self.rigs = RigLibrary(self.scenarios)
+        self.wires: Any = model_class(self.model).library(self.scenarios)
+        self.dof, self.magnet_count = self.rigs.dof, self.rigs.magnet_count
+        self.is_turn, self.home = self.rigs.is_turn, self.rigs.home
+        rows = self.rigs.limits
+        self.limits = Limits(rows[:, :, LIMIT.speed], rows[:, :, LIMIT.low], rows[:, :, LIMIT.high])
+        self.wire_length = np.array([sc.wire.length for sc in self.scenarios])
+        self.tract_length = np.array([sc.tract.length for sc in self.scenarios])

@@ -1,0 +1,58 @@
+"""The benchmark's plan: arenas, cells, policies."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from agents.benchmark import cells as kinds
+from agents.benchmark.plan import ARENAS, HARD, LEARNERS, Plan
+from agents.catalogue import CONTROLLERS
+from magwire_env.envs.task import TASKS
+from magwire_env.scenario import Scenario
+
+
+def test_every_registered_task_is_an_arena():
+    assert {arena.task for arena in ARENAS} == set(TASKS)
+    by_name = {arena.name: arena for arena in ARENAS}
+    assert len(by_name) == len(ARENAS)
+    for name, task in (("Steer", "MagWire/Steer-v0"), ("Chase", "MagWire/Chase-v0")):
+        assert by_name[name].task == task
+    for name in ("SteerAny", "Chase"):
+        assert (by_name[name].split, by_name[name].episodes) == ("test", 500)
+        assert by_name[f"{name} ood"].models == name
+    assert by_name["Hard"].scenario == HARD
+    Scenario.load(HARD)
+
+
+def test_the_cells_are_what_was_asked_for():
+    plan = Plan()
+    cells = plan.cells()
+    assert len({cell.name for cell in cells}) == len({cell.file(plan_out := kinds.Path("out")) for cell in cells})
+    assert len({cell.log(plan_out) for cell in cells}) == len(set(cells)) == len(cells)
+    trained = [cell for cell in cells if cell.kind == "train"]
+    for learner in LEARNERS:
+        for name in learner.arenas:
+            assert sum((c.arena, c.policy) == (name, learner.algorithm) for c in trained) == learner.seeds
+    assert not any(cell.arena.endswith("ood") for cell in trained)
+    assert sum((c.kind, c.arena, c.policy) == ("evaluate", "Chase ood", "ppo") for c in cells) == 5
+    for cell in cells:
+        needed = plan.training_of(cell)
+        assert (needed is not None) == (cell.kind != "train" and cell.seed is not None)
+        assert needed is None or cells.index(needed) < cells.index(cell)
+        json.dumps(plan.settings(cell))
+
+
+def test_every_policy_meets_every_arena():
+    cells = Plan().cells()
+    for arena in ARENAS:
+        if arena.controllers is None:
+            met = {cell.policy for cell in cells if cell.arena == arena.name and cell.kind in ("evaluate", "par")}
+            assert met >= set(CONTROLLERS), arena.name
+
+
+@pytest.mark.parametrize("name", ["episodes", "timesteps", "seeds"])
+def test_a_plan_refuses_nothing_to_do(name):
+    with pytest.raises(ValueError, match=f"{name} must be a whole number of at least 1, got 0"):
+        Plan(**{name: 0})

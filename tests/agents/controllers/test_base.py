@@ -1,0 +1,43 @@
+"""What holds for every controller: SB3's predict, single or batched."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import magwire_env  # noqa: F401  (registers the ids)
+from agents.catalogue import CONTROLLERS
+from agents.controllers import MaxForce
+
+ID = "MagWire/Steer-v0"
+
+
+@pytest.mark.parametrize("name", list(CONTROLLERS))
+@pytest.mark.parametrize("mode", ["angle", "rate", "direction"])
+def test_predict_single_and_batched(name, mode):
+    env = gym.make(ID, action_mode=mode)
+    observation, _ = env.reset(seed=0)
+    action, state = CONTROLLERS[name].from_env(env).predict(observation)
+    assert env.action_space.contains(action)
+    envs = gym.make_vec(ID, num_envs=3, action_mode=mode)
+    observations, _ = envs.reset(seed=0)
+    controller = CONTROLLERS[name].from_env(envs)
+    actions, state = controller.predict(observations, episode_start=np.ones(3, dtype=bool))
+    assert envs.action_space.contains(actions)
+    if name != "Random":
+        assert np.allclose(actions[0], action)
+    actions, _ = controller.predict(observations, state=state, episode_start=np.zeros(3, dtype=bool))
+    assert envs.action_space.contains(actions)
+
+
+def test_a_controller_refuses_a_foreign_env():
+    with pytest.raises(ValueError, match="env must be a MagWire env or batch"):
+        MaxForce.from_env(gym.make("Pendulum-v1"))
+
+
+def test_a_controller_says_which_channel_it_misses():
+    env = gym.make(ID, observe=("tip_speed",))
+    observation, _ = env.reset(seed=0)
+    with pytest.raises(ValueError, match="observe must include 'tip_arclength'"):
+        MaxForce.from_env(env).predict(observation)
