@@ -12,13 +12,27 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from llvmlite import ir
-from numba import njit
 from numba.core import types
 from numba.extending import intrinsic
 
-from ..lanes import _BITS, _DOUBLES, _FLOATS, _INTS, LANES, _call, _splat, floor, lanes_type, load, maximum, minimum, spread, where
+from ..compiled import kernel
+from ..lanes import (
+    _BITS,
+    _DOUBLES,
+    _FLOATS,
+    _INTS,
+    LANES,
+    _call,
+    _splat,
+    floor,
+    lanes_type,
+    load,
+    maximum,
+    minimum,
+    spread,
+    where,
+)
 from .layout import GRID_AT, GRID_CELL, GRID_NX, GRID_NY, GRID_NZ, GRID_X, GRID_Y, GRID_Z
-from .vectors import JIT
 
 __all__ = ["Bricks", "smooth_union"]
 
@@ -48,7 +62,7 @@ def gather32(typingctx, array, index, offset):
     return lanes_type(array, lanes_type, types.intp), codegen
 
 
-@njit(**JIT)
+@kernel
 def depth_in_bricks(grid, par, x):
     """−φ at a point, and its gradient."""
     inv = 1.0 / load(par, GRID_CELL)

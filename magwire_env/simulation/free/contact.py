@@ -9,14 +9,25 @@ A wire of radius r is in contact where r > φ. The wall pushes back with k (r �
 
 from __future__ import annotations
 
-from numba import njit
-
-from ..lanes import LANES, anywhere, floor, gather, load, maximum, minimum, reciprocal, rsqrt, spread, sqrt, store, where
+from ..compiled import inlined, kernel
+from ..lanes import (
+    LANES,
+    anywhere,
+    floor,
+    gather,
+    load,
+    maximum,
+    minimum,
+    reciprocal,
+    rsqrt,
+    spread,
+    sqrt,
+    store,
+    where,
+)
 from .bricks import depth_in_bricks
 from .layout import ALONG, FOUND, GRID_NX, LAGGED, ROW, TABLE_STRIDE
 from .vectors import (
-    INLINE,
-    JIT,
     add6,
     apply6,
     cross,
@@ -38,20 +49,20 @@ NOT_CONTACT = 1e-15
 """m, guards a division at the centreline."""
 
 
-@njit(**INLINE)
+@inlined
 def cubic(table, row, field, u):
     a, b = gather(table, row, field), gather(table, row, field + 1)
     c, d = gather(table, row, field + 2), gather(table, row, field + 3)
     return a + u * (b + u * (c + u * d)), b + u * (2.0 * c + 3.0 * u * d), 2.0 * c + 6.0 * u * d
 
 
-@njit(**INLINE)
+@inlined
 def tube(table, foot, at, spacing, x, moves):
     """Depth −φ of a point in the wall, its gradient, and the inverse of its distance from its foot.
 
-    Also returns 1 where the wall closes round the point, −1 where it is an obstacle, and the centreline's direction. The
-    foot moves along by a Newton step (and, in lanes where `moves` holds, stays there): the depth is stationary in it, so
-    its error is second order in what is left.
+    Also returns 1 where the wall closes round the point, −1 where it is an obstacle, and the centreline's direction.
+    The foot moves along by a Newton step (and, in lanes where `moves` holds, stays there): the depth is stationary in
+    it, so its error is second order in what is left.
     """
     row, u = load(foot, at + ROW), load(foot, at + ALONG)
     first = TABLE_STRIDE * row
@@ -84,15 +95,37 @@ def tube(table, foot, at, spacing, x, moves):
     gradient = plus(times(sign, out), -slope, t)
     # On to the next row, where there is one.
     moved = minimum(maximum(floor(goal / spacing), -1.0), 1.0)
-    step = where(moves, 1.0, 0.0) * where(moved < 0.0, gather(table, first, 18), where(moved > 0.0, gather(table, first, 19), 0.0))
+    step = where(moves, 1.0, 0.0) * where(
+        moved < 0.0, gather(table, first, 18), where(moved > 0.0, gather(table, first, 19), 0.0)
+    )
     goes = (step > 0.5) | (step < -0.5)
     store(foot, at + ROW, row + step)
     store(foot, at + ALONG, where(moves, where(goes, goal - moved * spacing, goal), u))
     return sign * d - radius, gradient, inv, sign, t
 
 
-@njit(**JIT)
-def touch(table, grid, par, foot, at, load_at, work, x, x0, t, radius, spun, stiffness, friction, slow, spacing, exact, taken, moves):
+@kernel
+def touch(
+    table,
+    grid,
+    par,
+    foot,
+    at,
+    load_at,
+    work,
+    x,
+    x0,
+    t,
+    radius,
+    spun,
+    stiffness,
+    friction,
+    slow,
+    spacing,
+    exact,
+    taken,
+    moves,
+):
     """Wall and friction at one contact point.
 
     table, grid : the wall, as rows of a tube or, in lanes that have bricks, as bricks
@@ -128,7 +161,9 @@ def touch(table, grid, par, foot, at, load_at, work, x, x0, t, radius, spun, sti
         energy = 0.5 * force * depth
         gradient = times(force, normal)
         round_ = where(sign > 0.0, force * inv, 0.0)
-        hessian = plus6(diagonal(square(pressed - round_, normal), round_), -round_, square(1.0 / dot(along, along), along))
+        hessian = plus6(
+            diagonal(square(pressed - round_, normal), round_), -round_, square(1.0 / dot(along, along), along)
+        )
         old, new = energy, energy
         if anywhere(friction > 0.0):
             n = times(rsqrt(dot(normal, normal)), normal)

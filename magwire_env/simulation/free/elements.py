@@ -9,11 +9,9 @@ fixed direction, that is, one with p = 0.
 
 from __future__ import annotations
 
-from numba import njit
-
+from ..compiled import inlined
 from ..lanes import absolute, maximum, reciprocal, sin_cos, sqrt, where
 from .vectors import (
-    INLINE,
     add,
     cross,
     diagonal,
@@ -31,7 +29,7 @@ FOLDED = 1e-6
 """Least 1 + cos φ of a joint: at φ = 180° the energy would be infinite."""
 
 
-@njit(**INLINE)
+@inlined
 def stretched(stiffness, rest, length, w, inv, exact):
     """Energy ½ E A/L (|e| − L)² of a segment, its gradient by e and Hessian; stiffness is E A/L."""
     tension = stiffness * (length - rest)
@@ -41,7 +39,7 @@ def stretched(stiffness, rest, length, w, inv, exact):
     return energy, tension, diagonal(square(stiffness - across, w), across)
 
 
-@njit(**INLINE)
+@inlined
 def bent(k, u, p, w, q, exact):
     """Energy ½ k |κb|² = 2 k (1 − c)/(1 + c), c = u·w: energy, gradients by e and f, Hessians ee, ef, ff."""
     c = dot(u, w)
@@ -69,7 +67,7 @@ def bent(k, u, p, w, q, exact):
     return energy, times(-first, a), times(-first, b), hee, hef, hff
 
 
-@njit(**INLINE)
+@inlined
 def angle_of(s, c):
     """The angle in (−π, π) of sine s and cosine c, s² + c² = 1: tan of its eighth by halving, then a series."""
     t = s * reciprocal(maximum(1.0 + c, 1e-12))
@@ -82,28 +80,28 @@ def angle_of(s, c):
     return 8.0 * t * series
 
 
-@njit(**INLINE)
+@inlined
 def transported(m, u, w):
     """The director m of a segment along u, carried to the direction w without twist."""
     r = reciprocal(maximum(1.0 + dot(u, w), FOLDED))
     return plus(m, -r * dot(m, w), add(u, w))
 
 
-@njit(**INLINE)
+@inlined
 def turned(m, t, angle):
     """The director m turned about its segment's direction t."""
     s, c = sin_cos(angle)
     return plus(times(c, m), s, cross(t, m))
 
 
-@njit(**INLINE)
+@inlined
 def natural(k1, k2, t, m):
     """The natural κb that a director carries, k1 (t × m) − k2 m, and its derivative by a spin."""
     n = cross(t, m)
     return plus(times(k1, n), -k2, m), plus(times(-k1, m), -k2, n)
 
 
-@njit(**INLINE)
+@inlined
 def twisted(k, u, p, m, w, q, n, exact):
     """Energy ½ k τ² of the twist τ between the directors m of e and n of f.
 
@@ -128,7 +126,7 @@ def twisted(k, u, p, m, w, q, n, exact):
     return 0.5 * torque * tau, torque, half, hee, hef, hff
 
 
-@njit(**INLINE)
+@inlined
 def precurved(k, u, p, w, q, a, b, a1, b1, exact):
     """The part −k S, S = κb·(a + b)/2, by which a natural curvature departs from `bent`.
 
@@ -174,19 +172,19 @@ def precurved(k, u, p, w, q, a, b, a1, b1, exact):
     return -k * s, ge, gf, ka, kb_, hee, hef, hff, hea, heb, hfa, hfb, haa, hbb
 
 
-@njit(**INLINE)
+@inlined
 def times6(s, a):
     return s * a[0], s * a[1], s * a[2], s * a[3], s * a[4], s * a[5]
 
 
-@njit(**INLINE)
+@inlined
 def perpendicular(m, w):
     """The unit vector nearest to m across the unit vector w."""
     m = plus(m, -dot(m, w), w)
     return times(reciprocal(maximum(sqrt(dot(m, m)), 1e-12)), m)
 
 
-@njit(**INLINE)
+@inlined
 def aligned(m, t, inv, b, g, x, exact):
     """Energy −m t·B(x) of a moment along a segment of direction t, from the field b, its gradient g and x = ∇∇(t·B).
 
@@ -215,5 +213,3 @@ def aligned(m, t, inv, b, g, x, exact):
         s * (wide[6] - o[6]), s * (wide[7] - o[7]), s * (wide[8] - o[8]),
     )  # fmt: skip
     return energy, ge, gx, hee, hex_, times6(-m * exact, x)
-
-

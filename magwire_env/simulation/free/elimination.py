@@ -6,12 +6,10 @@ of b–c. Names of two letters are the Hessian's blocks, g… the right-hand sid
 
 from __future__ import annotations
 
-from numba import njit
-
+from ..compiled import inlined
 from ..lanes import LANES, reciprocal, store
 from .layout import RIGHT, S1, S2, S3, SPIN_RIGHT, U1, U2, W1, W2
 from .vectors import (
-    INLINE,
     apply6,
     back9,
     dot,
@@ -32,14 +30,14 @@ from .vectors import (
 )
 
 
-@njit(**INLINE)
+@inlined
 def store9(array, at, m):
     store3(array, at, (m[0], m[1], m[2]))
     store3(array, at + 3 * LANES, (m[3], m[4], m[5]))
     store3(array, at + 6 * LANES, (m[6], m[7], m[8]))
 
 
-@njit(**INLINE)
+@inlined
 def eliminate_node(work, o, floor, aa, ab, ac, ga, bb, bc, cc, gb, gc):
     """Take node a out of the system; returns its inverse block, the rest, and gᵀ a⁻¹ g."""
     inv = inverse6(aa, floor)
@@ -52,7 +50,7 @@ def eliminate_node(work, o, floor, aa, ab, ac, ga, bb, bc, cc, gb, gc):
     return inv, y, bb, bc, cc, gb, gc, dot(ga, y)
 
 
-@njit(**INLINE)
+@inlined
 def node_from_spins(work, o, inv, y, ab, ac, sa, ta, ss, st, tt, sb, sc, tb, tc, gs, gt):
     """What taking node a out leaves of the spins' rows; sa, ta : the spins' mixed blocks with a, and so on."""
     u1, u2 = apply6(inv, sa), apply6(inv, ta)
@@ -65,7 +63,7 @@ def node_from_spins(work, o, inv, y, ab, ac, sa, ta, ss, st, tt, sb, sc, tb, tc,
     return ss, st, tt, sb, sc, tb, tc, gs, gt
 
 
-@njit(**INLINE)
+@inlined
 def eliminate_spin(work, o, floor, ss, st, tt, sb, sc, tb, tc, gs, gt, bb, bc, cc, gb, gc):
     """Take spin s out of the system; returns the rest, and g² / s."""
     inv = reciprocal(lifted(ss, floor))

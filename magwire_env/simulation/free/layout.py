@@ -1,4 +1,4 @@
-"""Where every number of a block of lanes stands: ``array[item * STRIDE + FIELD + lane]``, a field being `LANES` numbers.
+"""Where every number of a block of lanes stands: ``array[item * STRIDE + FIELD + lane]``, a field is `LANES` numbers.
 
 The arrays of a block, and what an item of each is:
 
@@ -69,19 +69,22 @@ REST AXIAL RADIUS MOMENT AT SPIN_INERTIA"""
 WIRE_STRIDE = len(_WIRE.split()) * LANES
 
 # FIRST : the first node outside the sleeve (0 for a wire that is not fed)
-# CELL : rest length of the segment above it, m (CELL_REST when whole), with its length at the step's start, speed, direction of search; OUT : m
-#     of wire above the cell; FEED_GOAL : where the drive wants the cell, FEED_START at the step's start; FEED_WANT, TWIST_WANT : commands, m and rad
+# CELL : rest length of the segment above it, m (CELL_REST when whole), with its length at the step's start, speed,
+#     direction of search; OUT : m of wire above the cell; FEED_GOAL : where the drive wants the cell, FEED_START at the
+#     step's start; FEED_WANT, TWIST_WANT : commands, m and rad
 # LEFT, LENGTH : of the period and of the step, in FINEST parts of the longest step; H : the step, s
 # ENERGY, SLOPE, ALPHA : of the search along MOVE; TRIES : evaluations of this step; TAKEN, EXACT : 1 or 0
 # SPUN, SPUN_START : rad the base has been turned; BASE_MX … TIP_MZ : directors of the clamps
 # Over the last period: FAILED steps, EVALUATED potentials, STEPPED steps, RESIDUAL N at most, SUM_WALL N (times the
 #     steps), PEAK_WALL N, of the wall's normal forces
 # BASE_FX … BASE_TQZ : what the base exerts on the wire, N and N·m; ENDED : 1 where a step has just ended
-_LANE = """FIRST CELL CELL_REST CELL_START CELL_SPEED CELL_MOVE OUT FEED_GOAL FEED_START FEED_WANT TWIST_WANT LEFT LENGTH H
+_LANE = """FIRST CELL CELL_REST CELL_START CELL_SPEED CELL_MOVE OUT FEED_GOAL FEED_START FEED_WANT TWIST_WANT
+LEFT LENGTH H
 ENERGY SLOPE ALPHA TRIES TAKEN EXACT SPUN SPUN_START BASE_MX BASE_MY BASE_MZ TIP_MX TIP_MY TIP_MZ
 FAILED EVALUATED STEPPED RESIDUAL SUM_WALL PEAK_WALL BASE_FX BASE_FY BASE_FZ BASE_TQX BASE_TQY BASE_TQZ ENDED"""
 (
-    FIRST, CELL, CELL_REST, CELL_START, CELL_SPEED, CELL_MOVE, OUT, FEED_GOAL, FEED_START, FEED_WANT, TWIST_WANT, LEFT, LENGTH, H,
+    FIRST, CELL, CELL_REST, CELL_START, CELL_SPEED, CELL_MOVE, OUT, FEED_GOAL, FEED_START, FEED_WANT, TWIST_WANT,
+    LEFT, LENGTH, H,
     ENERGY, SLOPE, ALPHA, TRIES, TAKEN, EXACT, SPUN, SPUN_START, BASE_MX, BASE_MY, BASE_MZ, TIP_MX, TIP_MY, TIP_MZ,
     FAILED, EVALUATED, STEPPED, RESIDUAL, SUM_WALL, PEAK_WALL, BASE_FX, BASE_FY, BASE_FZ, BASE_TQX, BASE_TQY, BASE_TQZ,
     ENDED,

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from numba import njit
-
+from ..compiled import inlined, kernel
 from ..lanes import LANES, load, row, rsqrt, sin_cos, spread, store
-from .vectors import INLINE, JIT, apply9, back9, dot, load3, plus, store3, sub, times, zero3, zero6
+from .vectors import apply9, back9, dot, load3, plus, store3, sub, times, zero3, zero6
 
 # rig[m]: dof of turn 1, turn 2, slide x, y, z (−1 if absent), the axes of the two turns, dof of a coil and its axis
 TURN_SLOTS, COIL_DOF, COIL_AXIS, SLOTS = 2, 7, 8, 9
@@ -23,7 +22,7 @@ PLACE, TURNED, CURRENT = 0, 3 * LANES, 12 * LANES
 POSE_STRIDE = 13 * LANES
 
 
-@njit(**INLINE)
+@inlined
 def about(axis, s, c, v):
     """The vector turned about a world axis by the angle of sine s and cosine c."""
     x, y, z = v
@@ -34,7 +33,7 @@ def about(axis, s, c, v):
     return c * x - s * y, s * x + c * y, z
 
 
-@njit(**JIT)
+@kernel
 def place_magnets(rig, magnets, q, pose):
     """Poses of all magnets with their degrees of freedom at `q`."""
     for m in range(rig.shape[0]):
@@ -64,13 +63,13 @@ def place_magnets(rig, magnets, q, pose):
         store3(pose, o + PLACE, (x, y, z))
 
 
-@njit(**INLINE)
+@inlined
 def load9(array, at):
     a, b, c = load3(array, at), load3(array, at + 3 * LANES), load3(array, at + 6 * LANES)
     return a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]
 
 
-@njit(**JIT)
+@kernel
 def sum_sources(cloud, sources, r, t):
     """Field b, gradient g (six numbers) and ∇∇(t·b) of dipoles along z, all in the magnet's frame."""
     bx, by, bz = zero3()
@@ -104,17 +103,29 @@ def sum_sources(cloud, sources, r, t):
     return (bx, by, bz), (gxx, gxy, gxz, gyy, gyz, gzz), (hxx, hxy, hxz, hyy, hyz, hzz)
 
 
-@njit(**INLINE)
+@inlined
 def outward(r, s):
     """r s rᵀ of a symmetric s."""
-    x = r[0] * s[0] + r[1] * s[1] + r[2] * s[2], r[0] * s[1] + r[1] * s[3] + r[2] * s[4], r[0] * s[2] + r[1] * s[4] + r[2] * s[5]
-    y = r[3] * s[0] + r[4] * s[1] + r[5] * s[2], r[3] * s[1] + r[4] * s[3] + r[5] * s[4], r[3] * s[2] + r[4] * s[4] + r[5] * s[5]
-    z = r[6] * s[0] + r[7] * s[1] + r[8] * s[2], r[6] * s[1] + r[7] * s[3] + r[8] * s[4], r[6] * s[2] + r[7] * s[4] + r[8] * s[5]
+    x = (
+        r[0] * s[0] + r[1] * s[1] + r[2] * s[2],
+        r[0] * s[1] + r[1] * s[3] + r[2] * s[4],
+        r[0] * s[2] + r[1] * s[4] + r[2] * s[5],
+    )
+    y = (
+        r[3] * s[0] + r[4] * s[1] + r[5] * s[2],
+        r[3] * s[1] + r[4] * s[3] + r[5] * s[4],
+        r[3] * s[2] + r[4] * s[4] + r[5] * s[5],
+    )
+    z = (
+        r[6] * s[0] + r[7] * s[1] + r[8] * s[2],
+        r[6] * s[1] + r[7] * s[3] + r[8] * s[4],
+        r[6] * s[2] + r[7] * s[4] + r[8] * s[5],
+    )
     a, b, c = (r[0], r[1], r[2]), (r[3], r[4], r[5]), (r[6], r[7], r[8])
     return dot(x, a), dot(x, b), dot(x, c), dot(y, b), dot(y, c), dot(z, c)
 
 
-@njit(**JIT)
+@kernel
 def field_at(block, par_field, rig, magnets, clouds, cloud_of, sources, pose, x, t):
     """Field b, its gradient and ∇∇(t·b) at x, of all magnets and coils and of the uniform field `par_field`."""
     b, g, h = par_field, zero6(), zero6()
@@ -151,5 +162,3 @@ def field_at(block, par_field, rig, magnets, clouds, cloud_of, sources, pose, x,
             h[3] + strength * hw[3], h[4] + strength * hw[4], h[5] + strength * hw[5],
         )  # fmt: skip
     return b, g, h
-
-

@@ -10,15 +10,15 @@ lanes whose trial was taken and leaves the next direction.
 
 With `spin` None the wire has no twist: an own, cheaper variant.
 
-**The feed.** A wire that is fed leaves its sleeve inside a segment, the *cell*, whose rest length grows with what is fed.
+**The feed.** A wire that is fed leaves its sleeve inside a segment, the *cell*, whose rest length grows with what is
+fed.
 The node at the sleeve's mouth does not move; the first of its three unknowns is the cell's rest length instead. Its
 gradient is the force on the feed: the thrust less M²/2EI, with which a bent rod leaves a sleeve.
 """
 
 from __future__ import annotations
 
-from numba import njit
-
+from ..compiled import inlined, kernel
 from ..lanes import LANES, absolute, anywhere, load, maximum, minimum, reciprocal, rsqrt, spread, store, where
 from . import layout as at
 from .contact import touch
@@ -27,8 +27,6 @@ from .elimination import eliminate_node, eliminate_spin, node_from_spins
 from .layout import HELD
 from .magnetics import field_at
 from .vectors import (
-    INLINE,
-    JIT,
     add,
     add6,
     add9,
@@ -54,18 +52,18 @@ from .vectors import (
 )
 
 
-@njit(**INLINE)
+@inlined
 def load9(array, o):
     a, b, c = load3(array, o), load3(array, o + 3 * LANES), load3(array, o + 6 * LANES)
     return a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]
 
 
-@njit(**INLINE)
+@inlined
 def times9(s, a):
     return s * a[0], s * a[1], s * a[2], s * a[3], s * a[4], s * a[5], s * a[6], s * a[7], s * a[8]
 
 
-@njit(**INLINE)
+@inlined
 def top_row(mask, r, m):
     """The matrix m with its first row replaced by r where the mask holds."""
     return (
@@ -73,18 +71,18 @@ def top_row(mask, r, m):
     )  # fmt: skip
 
 
-@njit(**INLINE)
+@inlined
 def first_of(mask, value, v):
     return where(mask, value, v[0]), v[1], v[2]
 
 
-@njit(**INLINE)
+@inlined
 def trial(node, work, i, alpha):
     """Where the node is tried."""
     return plus(load3(node, i * at.NODE_STRIDE + at.X), alpha, load3(work, i * at.WORK_STRIDE + at.MOVE))
 
 
-@njit(**INLINE)
+@inlined
 def own_terms(i, x, par, wire, node, work, active, h):
     """A node's inertia, drag and dead load: energy, gradient, Hessian, least of its diagonal."""
     o, w = i * at.WIRE_STRIDE, i * at.WORK_STRIDE
@@ -102,7 +100,7 @@ def own_terms(i, x, par, wire, node, work, active, h):
     return energy, gradient, (stiff + hold[0], zero, zero, stiff + hold[1], zero, stiff + hold[2]), stiff
 
 
-@njit(**INLINE)
+@inlined
 def largest(worst, g, hold):
     """The largest component of a gradient so far, those of held coordinates left out."""
     worst = maximum(worst, where(hold[0] > 0.0, 0.0, absolute(g[0])))
@@ -110,7 +108,7 @@ def largest(worst, g, hold):
     return maximum(worst, where(hold[2] > 0.0, 0.0, absolute(g[2])))
 
 
-@njit(**INLINE)
+@inlined
 def drive(par, lane, cell):
     """Gradient and second derivative of the feed's drive: a spring to its goal whose force is limited; its energy."""
     stiffness, most = load(par, at.FEED_STIFFNESS), load(par, at.FEED_FORCE)
@@ -122,7 +120,7 @@ def drive(par, lane, cell):
     return force, where(slips, 0.0, stiffness), energy
 
 
-@njit(**JIT)
+@kernel
 def magnet_terms(block, i, active, par, wire, rig, magnets, clouds, cloud_of, sources, pose, xb, e, w, inv, exact):
     """A magnetised segment: energy, gradients of its ends, Hessian blocks; see `elements.aligned`."""
     o = i * at.WIRE_STRIDE
@@ -140,7 +138,7 @@ def magnet_terms(block, i, active, par, wire, rig, magnets, clouds, cloud_of, so
     return energy, sub(times(z, gx), ge), add(times(a, gx), ge), hbb, hbc, hcc
 
 
-@njit(**JIT)
+@kernel
 def evaluate(
     block, tail, points, magnetic, par, wire, lane, node, spin, foot, work, loads, table, grid,
     rig, magnets, clouds, cloud_of, sources, pose,
@@ -314,7 +312,14 @@ def evaluate(
             stiff = stiff + axial * ratio * ratio * inv_rest + 2.0 * by * by * joint
             db = select3(leaves, (force, zero, zero), db)
             gb, rb = select3(leaves, zero3(), gb), select3(leaves, zero3(), rb)
-            bb = (where(leaves, 0.0, bb[0]), bb[1], bb[2], where(leaves, HELD, bb[3]), bb[4], where(leaves, HELD, bb[5]))
+            bb = (
+                where(leaves, 0.0, bb[0]),
+                bb[1],
+                bb[2],
+                where(leaves, HELD, bb[3]),
+                bb[4],
+                where(leaves, HELD, bb[5]),
+            )
             hbb = (where(leaves, stiff, hbb[0]), where(leaves, 0.0, hbb[1]), where(leaves, 0.0, hbb[2]),
                    hbb[3], hbb[4], hbb[5])  # fmt: skip
             floor_b = where(leaves, 1e-3 * axial * inv_rest, floor_b)
@@ -334,9 +339,7 @@ def evaluate(
             worst = largest(worst, ra, load3(wire, (i - 1) * at.WIRE_STRIDE + at.HOLD_X))
             store3(work, oa + at.GRADIENT, ra)
             store3(work, oa + at.CONTACT, fa)
-            inv_a, y, bb, bc, cc, gb, gc, part = eliminate_node(
-                work, oa, floor_a, aa, ab, ac, ga, bb, bc, cc, gb, gc
-            )
+            inv_a, y, bb, bc, cc, gb, gc, part = eliminate_node(work, oa, floor_a, aa, ab, ac, ga, bb, bc, cc, gb, gc)
             decrement = decrement + part
             if spin is not None:
                 store(work, oa + at.SPIN_GRADIENT, qs)
@@ -374,7 +377,8 @@ def evaluate(
     t_old, t_new, force, g, hx, g_spin, h_spin, x_spin = touch(
         table, grid, par, foot, tip * points * at.FOOT_STRIDE, tip * points * at.LOAD_STRIDE, loads, xb, start, u,
         load(wire, (tip - 1) * at.WIRE_STRIDE + at.RADIUS), zero,
-        wall * (0.5 * rest_below) + load(par, at.WALL) * load(par, at.TIP_CAP), friction, slow, spacing, exact, taken, moves,
+        wall * (0.5 * rest_below) + load(par, at.WALL) * load(par, at.TIP_CAP), friction, slow, spacing, exact,
+        taken, moves,
     )  # fmt: skip
     old, new, pressed = old + energy + t_old, new + energy + t_new, pressed + force
     ga, ra = sub(ga, ge), sub(ra, ge)
@@ -408,7 +412,7 @@ def evaluate(
     return old, new, worst, decrement + part, pressed
 
 
-@njit(**JIT)
+@kernel
 def search(tail, taken, still, par, wire, lane, node, spin, work, unit):
     """Move the lanes `taken` to their trial and leave the next direction; returns its largest part, and the cell's.
 

@@ -2,8 +2,8 @@
 
 The cell, the segment that the feed pushes out, is kept between 0.45 and 1.5 rest lengths. One node more comes out by
 splitting it, the last one goes in by joining it with the next. Both keep the strain of the wire and let the bend and
-the twist of the cell go on as they are, so that no force jumps; the curve that two chords follow is a little longer than
-the one chord's, so the length fed changes by about κ² ℓ³/20 (2 µm for 5 mm segments in a bend of 40 mm radius).
+the twist of the cell go on as they are, so that no force jumps; the curve that two chords follow is a little longer
+than the one chord's, so the length fed changes by about κ² ℓ³/20 (2 µm for 5 mm segments in a bend of 40 mm radius).
 
 All of it is scalar, lane by lane: it happens once in many steps.
 """
@@ -12,16 +12,14 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from ..compiled import kernel
 from ..lanes import LANES
 from . import layout as at
-from .vectors import JIT
 
 SPLIT, JOIN = 1.5, 0.45
 
 
-@njit(**JIT)
+@kernel
 def regrid(l, points, par, wire, lane, node, spin, foot, work, h):
     """Split or join the cell of lane `l` if its length asks for it; returns whether it did."""
     nodes = node.shape[0] // at.NODE_STRIDE
@@ -37,7 +35,7 @@ def regrid(l, points, par, wire, lane, node, spin, foot, work, h):
     return False
 
 
-@njit(**JIT)
+@kernel
 def split(l, f, points, par, wire, lane, node, spin, foot, work, h):
     n, w = at.NODE_STRIDE, at.WORK_STRIDE
     rest, cell = wire[f * at.WIRE_STRIDE + at.REST + l], lane[at.CELL + l]
@@ -88,7 +86,7 @@ def split(l, f, points, par, wire, lane, node, spin, foot, work, h):
     seek_feet(l, f, points, rest, short, par, foot)
 
 
-@njit(**JIT)
+@kernel
 def join(l, f, points, par, wire, lane, node, spin, foot, work):
     n, w = at.NODE_STRIDE, at.WORK_STRIDE
     cell, rest = lane[at.CELL + l], wire[(f + 1) * at.WIRE_STRIDE + at.REST + l]
@@ -131,7 +129,7 @@ def join(l, f, points, par, wire, lane, node, spin, foot, work):
     seek_feet(l, f + 1, points, long, 0.0, par, foot)
 
 
-@njit(**JIT)
+@kernel
 def seek_feet(l, i, points, length, behind, par, foot):
     """Where the contact points of segment `i` will look for the wall: along the inlet's own direction."""
     spacing = par[at.SPACING + l]
@@ -143,7 +141,7 @@ def seek_feet(l, i, points, length, behind, par, foot):
         foot[o + at.ALONG + l] = s - row * spacing
 
 
-@njit(**JIT)
+@kernel
 def carried(l, i, par, lane, node):
     """The clamp's director carried to segment `i`, the cell, without twist, and the segment's direction."""
     n = at.NODE_STRIDE
@@ -160,7 +158,7 @@ def carried(l, i, par, lane, node):
     return x, y, z, w
 
 
-@njit(**JIT)
+@kernel
 def clamp_twist(l, i, par, lane, node, spin):
     """Twist between the clamp and segment `i`, rad; call it with the mouth's node still in its place."""
     x, y, z, w = carried(l, i, par, lane, node)
@@ -171,7 +169,7 @@ def clamp_twist(l, i, par, lane, node, spin):
     return math.atan2(s, c)
 
 
-@njit(**JIT)
+@kernel
 def put_director(l, i, angle, par, lane, node, spin):
     """Give segment `i` the clamp's director, carried there without twist and turned by `angle`."""
     x, y, z, w = carried(l, i, par, lane, node)

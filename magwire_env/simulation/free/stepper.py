@@ -13,8 +13,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from ..compiled import inlined, kernel
 from ..lanes import LANES, absolute, anywhere, floor, load, maximum, minimum, reciprocal, rsqrt, spread, store, where
 from . import layout as at
 from .elements import transported, turned
@@ -22,7 +21,7 @@ from .layout import FINEST
 from .magnetics import place_magnets
 from .rod import evaluate, search
 from .sleeve import JOIN, SPLIT, regrid
-from .vectors import INLINE, JIT, dot, load3, plus, select3, store3, sub, times, zero3
+from .vectors import dot, load3, plus, select3, store3, sub, times, zero3
 
 ARMIJO = 1e-4
 NOISE, LEAST_MOVE = 1e-13, 1e-9
@@ -33,14 +32,14 @@ REFUSED = 1e3
 """J, an energy that even a step's first trial may not have: a point is far outside the wall."""
 
 
-@njit(**INLINE)
+@inlined
 def limited(v, most):
     """The vector, cut to the length `most`."""
     size = rsqrt(maximum(dot(v, v), 1e-36))
     return times(minimum(spread(1.0), most * size), v)
 
 
-@njit(**JIT)
+@kernel
 def next_step(tail, finish, again, begin, par, wire, lane, node, spin, work, h_old, h_new):
     """End the steps of lanes `finish`, put those of `again` back to their start, begin one in the lanes `begin`."""
     tip = node.shape[0] // at.NODE_STRIDE - 1
@@ -88,7 +87,7 @@ def next_step(tail, finish, again, begin, par, wire, lane, node, spin, work, h_o
         store3(work, w + at.MOVE, select3(begin, guess, select3(moved, zero3(), move)))
 
 
-@njit(**JIT)
+@kernel
 def next_cell(finish, again, begin, par, lane, h_old, h_new):
     """The same for the cell of wires that are fed; the drive goes on towards its command."""
     cell, start, move = load(lane, at.CELL), load(lane, at.CELL_START), load(lane, at.CELL_MOVE)
@@ -102,7 +101,7 @@ def next_cell(finish, again, begin, par, lane, h_old, h_new):
     store(lane, at.CELL_MOVE, where(begin, guess, where(finish | again, 0.0, move)))
 
 
-@njit(**JIT)
+@kernel
 def actuate(again, begin, par, lane, dofs, is_turn, q, command, h):
     """Servos, feed and base turn of the lanes `begin` go on for h s at their limited speeds, `again` from the start.
 
@@ -143,7 +142,7 @@ def actuate(again, begin, par, lane, dofs, is_turn, q, command, h):
         store(lane, at.SPUN, goal)
 
 
-@njit(**INLINE)
+@inlined
 def judge(old, new, worst, pressed, par, lane, running):
     """Whether the trial is taken, and whether it balances the forces."""
     alpha, slope, tries = load(lane, at.ALPHA), load(lane, at.SLOPE), load(lane, at.TRIES)
@@ -163,10 +162,10 @@ def judge(old, new, worst, pressed, par, lane, running):
     return taken, taken & (worst <= load(par, at.FORCE_TOLERANCE))
 
 
-@njit(**JIT)
+@kernel
 def run_block(
-    block, points, magnetic, par, wire, lane, node, spin, foot, table, grid, dofs, is_turn, rig, magnets, clouds, cloud_of,
-    sources, q, command, work, loads, pose, marks, apart,
+    block, points, magnetic, par, wire, lane, node, spin, foot, table, grid, dofs, is_turn, rig, magnets, clouds,
+    cloud_of, sources, q, command, work, loads, pose, marks, apart,
 ):  # fmt: skip
     """One control period of a block, in place.
 
@@ -241,7 +240,7 @@ def run_block(
     return
 
 
-@njit(**JIT)
+@kernel
 def publish(
     block, points, magnetic, par, wire, lane, node, spin, foot, table, grid, rig, magnets, clouds, cloud_of, sources, q,
     work, loads, pose,
@@ -276,7 +275,7 @@ def publish(
     return pressed
 
 
-@njit(**JIT)
+@kernel
 def mark(finish, points, par, lane, node, foot, q, dof, marks, apart):
     """Note the tip and the rig of lanes whose step ended on a mark."""
     tip = node.shape[0] // at.NODE_STRIDE - 1
@@ -295,7 +294,7 @@ def mark(finish, points, par, lane, node, foot, q, dof, marks, apart):
                 marks[o + (at.MARKS + d) * LANES] = q[d * LANES + l]
 
 
-@njit(**JIT)
+@kernel
 def regrid_lanes(points, begin, par, wire, lane, node, spin, foot, work):
     """Let nodes out of the sleeve or back into it where a step begins; returns whether any did."""
     cell, fed = load(lane, at.CELL), (load(par, at.FED) > 0.5) & begin
@@ -310,7 +309,7 @@ def regrid_lanes(points, begin, par, wire, lane, node, spin, foot, work):
     return did
 
 
-@njit(**JIT)
+@kernel
 def drop_move(tail, lanes, lane, work):
     """Lanes that give up keep their last iterate."""
     for i in range(tail, len(work) // at.WORK_STRIDE):
@@ -320,12 +319,10 @@ def drop_move(tail, lanes, lane, work):
     store(lane, at.CELL_MOVE, where(lanes, 0.0, load(lane, at.CELL_MOVE)))
 
 
-@njit(**INLINE)
+@inlined
 def first_active(lane, nodes):
     """The first node that moves in any lane of the block."""
     least = nodes - 2
     for l in range(LANES):
         least = min(least, int(lane[at.FIRST + l]))
     return least
-
-

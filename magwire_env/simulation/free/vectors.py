@@ -5,107 +5,103 @@ A vector is (x, y, z); a symmetric matrix (xx, xy, xz, yy, yz, zz); a matrix its
 
 from __future__ import annotations
 
-from numba import njit
-
+from ..compiled import inlined
 from ..lanes import LANES, load, maximum, reciprocal, spread, store, where
 
-JIT = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
-INLINE = {**JIT, "forceinline": True}
 
-
-@njit(**INLINE)
+@inlined
 def load3(array, at):
     return load(array, at), load(array, at + LANES), load(array, at + 2 * LANES)
 
 
-@njit(**INLINE)
+@inlined
 def store3(array, at, v):
     store(array, at, v[0])
     store(array, at + LANES, v[1])
     store(array, at + 2 * LANES, v[2])
 
 
-@njit(**INLINE)
+@inlined
 def zero3():
     return spread(0.0), spread(0.0), spread(0.0)
 
 
-@njit(**INLINE)
+@inlined
 def zero6():
     return spread(0.0), spread(0.0), spread(0.0), spread(0.0), spread(0.0), spread(0.0)
 
 
-@njit(**INLINE)
+@inlined
 def zero9():
     o = spread(0.0)
     return o, o, o, o, o, o, o, o, o
 
 
-@njit(**INLINE)
+@inlined
 def add(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@njit(**INLINE)
+@inlined
 def sub(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(**INLINE)
+@inlined
 def times(s, a):
     return s * a[0], s * a[1], s * a[2]
 
 
-@njit(**INLINE)
+@inlined
 def plus(a, s, b):
     """a + s b."""
     return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
 
 
-@njit(**INLINE)
+@inlined
 def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(**INLINE)
+@inlined
 def cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(**INLINE)
+@inlined
 def select3(mask, a, b):
     return where(mask, a[0], b[0]), where(mask, a[1], b[1]), where(mask, a[2], b[2])
 
 
-@njit(**INLINE)
+@inlined
 def add6(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5]
 
 
-@njit(**INLINE)
+@inlined
 def sub6(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5]
 
 
-@njit(**INLINE)
+@inlined
 def plus6(a, s, b):
     return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2], a[3] + s * b[3], a[4] + s * b[4], a[5] + s * b[5]
 
 
-@njit(**INLINE)
+@inlined
 def diagonal(a, s):
     """Symmetric a + s I."""
     return a[0] + s, a[1], a[2], a[3] + s, a[4], a[5] + s
 
 
-@njit(**INLINE)
+@inlined
 def square(s, a):
     """Symmetric s a aᵀ."""
     x, y, z = s * a[0], s * a[1], s * a[2]
     return x * a[0], x * a[1], x * a[2], y * a[1], y * a[2], z * a[2]
 
 
-@njit(**INLINE)
+@inlined
 def pair(s, a, b):
     """Symmetric s (a bᵀ + b aᵀ)."""
     x, y, z = s * a[0], s * a[1], s * a[2]
@@ -114,7 +110,7 @@ def pair(s, a, b):
     )  # fmt: skip
 
 
-@njit(**INLINE)
+@inlined
 def add9(a, b):
     return (
         a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6], a[7] + b[7],
@@ -122,7 +118,7 @@ def add9(a, b):
     )  # fmt: skip
 
 
-@njit(**INLINE)
+@inlined
 def sub9(a, b):
     return (
         a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5], a[6] - b[6], a[7] - b[7],
@@ -130,27 +126,27 @@ def sub9(a, b):
     )  # fmt: skip
 
 
-@njit(**INLINE)
+@inlined
 def full(s, a):
     """The nine numbers of s times the symmetric a."""
     xx, xy, xz, yy, yz, zz = s * a[0], s * a[1], s * a[2], s * a[3], s * a[4], s * a[5]
     return xx, xy, xz, xy, yy, yz, xz, yz, zz
 
 
-@njit(**INLINE)
+@inlined
 def outer(s, a, b):
     """s a bᵀ."""
     x, y, z = s * a[0], s * a[1], s * a[2]
     return x * b[0], x * b[1], x * b[2], y * b[0], y * b[1], y * b[2], z * b[0], z * b[1], z * b[2]
 
 
-@njit(**INLINE)
+@inlined
 def symmetric(a):
     """The symmetric part's double, a + aᵀ, as six numbers."""
     return 2.0 * a[0], a[1] + a[3], a[2] + a[6], 2.0 * a[4], a[5] + a[7], 2.0 * a[8]
 
 
-@njit(**INLINE)
+@inlined
 def apply6(a, v):
     """Symmetric a times v."""
     return (
@@ -160,7 +156,7 @@ def apply6(a, v):
     )
 
 
-@njit(**INLINE)
+@inlined
 def apply9(a, v):
     return (
         a[0] * v[0] + a[1] * v[1] + a[2] * v[2],
@@ -169,7 +165,7 @@ def apply9(a, v):
     )
 
 
-@njit(**INLINE)
+@inlined
 def back9(a, v):
     """aᵀ v."""
     return (
@@ -179,7 +175,7 @@ def back9(a, v):
     )
 
 
-@njit(**INLINE)
+@inlined
 def product6(a, b):
     """Symmetric a times the matrix b."""
     x0, x1, x2 = apply6(a, (b[0], b[3], b[6]))
@@ -188,7 +184,7 @@ def product6(a, b):
     return x0, y0, z0, x1, y1, z1, x2, y2, z2
 
 
-@njit(**INLINE)
+@inlined
 def less_gram(s, a, w):
     """Symmetric s − aᵀ w, for w = (symmetric) a."""
     return (
@@ -201,7 +197,7 @@ def less_gram(s, a, w):
     )
 
 
-@njit(**INLINE)
+@inlined
 def less_product(m, a, w):
     """m − aᵀ w."""
     return (
@@ -217,19 +213,19 @@ def less_product(m, a, w):
     )
 
 
-@njit(**INLINE)
+@inlined
 def less_back(v, a, y):
     """v − aᵀ y."""
     return sub(v, back9(a, y))
 
 
-@njit(**INLINE)
+@inlined
 def lifted(d, floor):
     """A pivot made positive: itself, or its size where it is not, but at least `floor`."""
     return where(d > floor, d, maximum(-d, floor))
 
 
-@njit(**INLINE)
+@inlined
 def inverse6(a, floor):
     """Inverse of a symmetric matrix by LDLᵀ, with pivots made positive (see `lifted`)."""
     d1 = reciprocal(lifted(a[0], floor))

@@ -85,7 +85,9 @@ class FreeWires:
         self._spin = _zeros(blocks, self.nodes * at.SPIN_STRIDE) if twist else None
         self._foot = _zeros(blocks, self.nodes * points * at.FOOT_STRIDE)
         self.wall = wall
-        self.table = np.ascontiguousarray(wall.table if isinstance(wall, Tube) else NO_WALL, dtype=np.float64).reshape(-1)
+        self.table = np.ascontiguousarray(wall.table if isinstance(wall, Tube) else NO_WALL, dtype=np.float64).reshape(
+            -1
+        )
         self.grid = wall.data if isinstance(wall, Bricks) else np.zeros(0, dtype=np.float32)
         count = min(threads or cores(), blocks)
         size = self.nodes * at.WORK_STRIDE, self.nodes * points * at.LOAD_STRIDE
@@ -95,8 +97,9 @@ class FreeWires:
         self.rig_none()
         for name, value in (
             ("STEP", step), ("STEPS", steps), ("MOST_MOVE", 1e3), ("FORCE_TOLERANCE", 1e-9), ("STICK", 1e-4),
-            ("MOVE_TOLERANCE", 1e-11), ("PATIENCE", 60), ("MEMORY", 1.0), ("SPACING", wall.spacing if isinstance(wall, Tube) else 1.0), ("FEED_STIFFNESS", 1e5),
-            ("FEED_FORCE", 10.0), ("BASE_TX", 1.0), ("TIP_TX", 1.0),
+            ("MOVE_TOLERANCE", 1e-11), ("PATIENCE", 60), ("MEMORY", 1.0),
+            ("SPACING", wall.spacing if isinstance(wall, Tube) else 1.0), ("FEED_STIFFNESS", 1e5), ("FEED_FORCE", 10.0),
+             ("BASE_TX", 1.0), ("TIP_TX", 1.0),
             *(wall.fields().items() if isinstance(wall, Bricks) else ()),
         ):  # fmt: skip
             self.par(name, value)
@@ -121,7 +124,9 @@ class FreeWires:
         """(blocks, items, fields, LANES)."""
         return array.reshape(len(array), -1, stride // LANES, LANES)
 
-    def _set(self, array: np.ndarray, stride: int, offset: int, value: np.ndarray | float, lanes: np.ndarray | None) -> None:
+    def _set(
+        self, array: np.ndarray, stride: int, offset: int, value: np.ndarray | float, lanes: np.ndarray | None
+    ) -> None:
         view = self._view(array, stride)[:, :, offset // LANES]  # (blocks, items, LANES)
         lanes = np.arange(self.blocks * LANES) if lanes is None else np.asarray(lanes)
         block, lane = np.divmod(lanes, LANES)
@@ -184,7 +189,9 @@ class FreeWires:
 
     # --- state ------------------------------------------------------------------------------------------------------
 
-    def place(self, positions: np.ndarray, velocities: np.ndarray | float = 0.0, directors: np.ndarray | None = None) -> None:
+    def place(
+        self, positions: np.ndarray, velocities: np.ndarray | float = 0.0, directors: np.ndarray | None = None
+    ) -> None:
         """Set the nodes' places (nodes, 3) or (n, nodes, 3) m, velocities m/s, and directors of the segments.
 
         By default the first director is the base's clamp's, carried along without twist.
@@ -224,7 +231,8 @@ class FreeWires:
         s = np.where(np.arange(self.nodes) == first[:, None], 0.0, out)
         for name, value in (
             ("FIRST", first), ("OUT", above), ("CELL", inserted - above), ("CELL_START", inserted - above),
-            ("CELL_REST", rest[lanes, first]), ("FEED_GOAL", inserted - above), ("FEED_WANT", inserted), ("CELL_SPEED", 0.0),
+            ("CELL_REST", rest[lanes, first]), ("FEED_GOAL", inserted - above), ("FEED_WANT", inserted),
+            ("CELL_SPEED", 0.0),
         ):  # fmt: skip
             self.lane_field(name, np.asarray(value, dtype=np.float64), lanes)
         self.par("FED", 1.0)
@@ -264,7 +272,9 @@ class FreeWires:
 
     @property
     def directors(self) -> np.ndarray:
-        """(n, segments, 3)."""
+        """(n, segments, 3); only of wires that twist."""
+        if self._spin is None:
+            raise ValueError("directors: this wire has no twist; build it with twist=True")
         return self._get(self._spin, at.SPIN_STRIDE, at.MX, 3)[:, :-1]
 
     # --- motion -----------------------------------------------------------------------------------------------------
@@ -288,8 +298,8 @@ class FreeWires:
         for b in range(self.blocks):
             stepper.publish(
                 b, self.points, self.magnetic, self._par[b], self._wire[b], self._lane[b], self._node[b],
-                None if self._spin is None else self._spin[b], self._foot[b], self.table, self.grid, self.rig, self._magnets[b],
-                self.clouds, self.cloud_of, self.sources, self._q[b], *self._workspaces[0],
+                None if self._spin is None else self._spin[b], self._foot[b], self.table, self.grid, self.rig,
+                self._magnets[b], self.clouds, self.cloud_of, self.sources, self._q[b], *self._workspaces[0],
             )  # fmt: skip
             work = self._workspaces[0][0].reshape(1, -1)
             view = self._view(work, at.WORK_STRIDE)[0]

@@ -6,7 +6,7 @@ from numba import njit
 
 from magwire_env.simulation.free import elements
 from magwire_env.simulation.free.vectors import load3, store3
-from magwire_env.simulation.lanes import LANES, load, sqrt, store, spread, reciprocal
+from magwire_env.simulation.lanes import LANES, load, reciprocal, spread, sqrt, store
 
 STEP = 1e-5
 
@@ -19,8 +19,6 @@ def _directed(e):
 
 @njit
 def _put6(out, at, h):
-    for n, k in ((0, 0), (1, 1), (2, 2), (3, 1), (4, 3), (5, 4), (6, 2), (7, 4), (8, 5)):
-        pass
     store(out, at, h[0]), store(out, at + LANES, h[1]), store(out, at + 2 * LANES, h[2])
     store(out, at + 3 * LANES, h[1]), store(out, at + 4 * LANES, h[3]), store(out, at + 5 * LANES, h[4])
     store(out, at + 6 * LANES, h[2]), store(out, at + 7 * LANES, h[4]), store(out, at + 8 * LANES, h[5])
