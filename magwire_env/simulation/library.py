@@ -42,6 +42,7 @@ class Library:
     wire_length, tract_length : (entries,) m
     start_length : (entries,) m, where the tip of a wire stands that lies just inside the inlet: the wire's length, or
         what its feed has inserted
+    reach : (entries, 2) m, how far from the inlet a feed can bring a tip; −∞ and ∞ of a wire that is dragged
 
     Raises `ValueError` if the scenarios differ in timing, wire model or the kinds of their degrees of freedom.
     """
@@ -68,6 +69,8 @@ class Library:
         self.start_length = np.array(
             [sc.wire.length if sc.rig.feed is None else sc.rig.feed.home for sc in self.scenarios], dtype=np.float64
         )
+        feeds = [sc.rig.feed for sc in self.scenarios]
+        self.reach = np.array([(-np.inf, np.inf) if f is None else (f.low, f.high) for f in feeds], dtype=np.float64)
 
 
 def _check_model(sc: Scenario) -> None:
