@@ -166,7 +166,7 @@ def touch(
         )
         old, new = energy, energy
         if anywhere(friction > 0.0):
-            n = times(rsqrt(dot(normal, normal)), normal)
+            n = times(rsqrt(maximum(dot(normal, normal), 1e-30)), normal)
             store3(work, load_at + FOUND + LANES, n)
             moved = sub(x, x0)
             v = plus(moved, spun * radius, cross(t, lag_n))
