@@ -19,10 +19,10 @@ from .ways import Ways
 
 __all__ = ["FreeLibrary", "LayingCurve"]
 
-_FORCE_TOLERANCE = 1e-3
+_FORCE_TOLERANCE = 0.1
 """Largest imbalance of a node after a step, in units of the smallest E I over the wire's length squared."""
 
-_MOVE_TOLERANCE = 1e-5
+_MOVE_TOLERANCE = 1e-3
 """Largest correction that is no longer made, in segment lengths."""
 
 _FEED_STIFFNESS = 1e5
