@@ -169,7 +169,7 @@ def evaluate(
     xb = trial(node, work, tail, alpha)
     energy, gb, bb, floor_b = own_terms(tail, xb, par, wire, node, work, first <= 1.0 * tail, h)
     old, new, rb = old + energy, new + energy, gb
-    u, p, rest_below = load3(par, at.BASE_TX), zero, zero
+    u, p, rest_below, spun = load3(par, at.BASE_TX), zero, zero, zero
     m_below = load3(lane, at.BASE_MX)
 
     for i in range(tail, tip):
@@ -251,7 +251,6 @@ def evaluate(
         hbc, hcc = add9(hbc, sub9(jef, full(1.0, jff))), add6(hcc, jff)
 
         # --- the wall at the segment's points ---
-        spun = zero
         if spin is not None:
             spun = turn
         away, radius = where(active, wall, 0.0), load(wire, o + at.RADIUS)
@@ -376,11 +375,13 @@ def evaluate(
     start = load3(work, ob + at.START)
     t_old, t_new, force, g, hx, g_spin, h_spin, x_spin = touch(
         table, grid, par, foot, tip * points * at.FOOT_STRIDE, tip * points * at.LOAD_STRIDE, loads, xb, start, u,
-        load(wire, (tip - 1) * at.WIRE_STRIDE + at.RADIUS), zero,
+        load(wire, (tip - 1) * at.WIRE_STRIDE + at.RADIUS), spun,
         wall * (0.5 * rest_below) + load(par, at.WALL) * load(par, at.TIP_CAP), friction, slow, spacing, exact,
         taken, moves,
     )  # fmt: skip
     old, new, pressed = old + energy + t_old, new + energy + t_new, pressed + force
+    if spin is not None:
+        gs, qs, ss, sb = gs + g_spin, qs + g_spin, ss + h_spin, add(sb, x_spin)
     ga, ra = sub(ga, ge), sub(ra, ge)
     gb, rb = add(gb, add(ge, g)), add(rb, add(ge, g))
     fb = sub(fb, g)
