@@ -289,7 +289,7 @@ class FreeWires:
 
         path : arc lengths (...) m from the inlet on → points (..., 3) m, straight behind it where negative
         """
-        rest = self._get(self._wire, at.WIRE_STRIDE, at.REST)[:, :-1, 0]
+        rest = self.rest
         to_tip = np.concatenate([np.cumsum(rest[:, ::-1], axis=1)[:, ::-1], np.zeros((self.n, 1))], axis=1)
         inserted = np.broadcast_to(np.asarray(inserted, dtype=np.float64), (self.n,))
         out = inserted[:, None] - to_tip  # of every node, from the inlet
@@ -341,6 +341,11 @@ class FreeWires:
     def velocities(self) -> np.ndarray:
         """(n, nodes, 3) m/s."""
         return self._get(self._node, at.NODE_STRIDE, at.VX, 3)
+
+    @property
+    def rest(self) -> np.ndarray:
+        """Rest lengths of the segments, (n, segments) m."""
+        return self._get(self._wire, at.WIRE_STRIDE, at.REST)[:, :-1, 0]
 
     @property
     def directors(self) -> np.ndarray:
