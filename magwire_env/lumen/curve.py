@@ -19,6 +19,9 @@ __all__ = ["Tract"]
 _ROW_SPACING = 2e-3
 """Largest arc length of one table row, m: at 37 mm bend radius the cubic is then within 40 nm of the curve."""
 
+LONGEST = 100.0
+"""Longest centreline, m: its table has a row every 2 mm."""
+
 _SHARPEST_CORNER = math.radians(75)
 """Largest turn between successive control chords; a spline through a sharper corner would overshoot."""
 
@@ -212,6 +215,8 @@ def _check_course(xyz: np.ndarray, closed: bool) -> None:
         raise ValueError(
             f"Tract.points[{(i + 1) % len(xyz)}] must differ from the point before it, got {xyz[i].tolist()} twice"
         )
+    if lengths.sum() > LONGEST:
+        raise ValueError(f"Tract.points must make a course of at most {LONGEST:g} m, got {lengths.sum():.4g} m")
     unit = steps / lengths[:, None]
     following = np.roll(unit, -1, axis=0) if closed else unit[1:]
     turn = np.arccos(np.clip((unit[: len(following)] * following).sum(axis=1), -1.0, 1.0))

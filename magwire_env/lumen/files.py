@@ -28,6 +28,8 @@ from scipy.interpolate import splev, splprep
 from scipy.spatial import KDTree
 
 from ..physics.checks import non_negative, points_array, positive
+from .curve import LONGEST
+from .reading import reading
 from .vtk_polydata import read_vtk_lines
 
 __all__ = ["UNITS", "Centreline", "read_centreline"]
@@ -37,6 +39,9 @@ UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 
 _RADIUS_ARRAY = "MaximumInscribedSphereRadius"
 _DEFAULT_RADIUS = 7.5e-3
+
+_SLENDEREST = 1e5
+"""Largest length of a line, in radii of its lumen."""
 _SHARPEST_CORNER = math.radians(75)
 
 
@@ -83,11 +88,14 @@ def read_centreline(
     reader = {".csv": _read_csv, ".vtp": _read_vtp, ".json": _read_markups}.get(path.suffix.lower())
     if reader is None:
         raise ValueError(f"{path} must be a .csv, .vtp or .mrk.json file, got the ending {path.suffix!r}")
-    found = _chosen(path, reader(path, unit), line)
+    with reading(path, "centrelines"):
+        lines = reader(path, unit)
+    found = _chosen(path, lines, line)
     if radius is not None or found.radius.size == 0:
         radius = _DEFAULT_RADIUS if radius is None else positive("radius", radius, "m")
         found = replace(found, radius=np.full(len(found.points), radius))
     found = _without_repeats(path, found)
+    _refuse_endless(path, found)
     _refuse_gaps(path, found, spacing)
     found = _smoothed(path, found, smooth, spacing) if smooth else _thinned(found, spacing)
     _refuse_kinks(path, found)
@@ -275,6 +283,18 @@ def _without_repeats(path: Path, c: Centreline) -> Centreline:
     if len(c.points) < fewest:
         raise ValueError(f"{path} must hold at least {fewest} different points, got {len(c.points)}")
     return c
+
+
+def _refuse_endless(path: Path, c: Centreline) -> None:
+    """Refuse what would take a table without end: a line much too long, or much too thin for its length."""
+    length, widest = float(_arc(c)[-1]), float(c.radius.max())
+    if length > LONGEST:
+        raise ValueError(f"{path} must hold a line of at most {LONGEST:g} m, got {length:.4g} m: is its unit right?")
+    if length > _SLENDEREST * widest:
+        raise ValueError(
+            f"{path} must hold a lumen of at least {length / _SLENDEREST:.2g} m radius for its {length:.4g} m, "
+            f"got {widest:.3g} m: is its unit right?"
+        )
 
 
 def _refuse_gaps(path: Path, c: Centreline, spacing: float) -> None:

@@ -28,6 +28,9 @@ _TYPES = {
 
 _ZLIB = "vtkZLibDataCompressor"
 
+_MOST_BYTES = 1 << 30
+"""Largest array that is read, compressed or not."""
+
 
 @dataclass(frozen=True)
 class VtkLine:
@@ -70,6 +73,8 @@ def _lines_of(path: Path, piece: ElementTree.Element, reader: _Reader, array: st
         return []
     connectivity = reader.array(piece.find("Lines/DataArray[@Name='connectivity']"), "Lines connectivity")
     offsets = reader.array(piece.find("Lines/DataArray[@Name='offsets']"), "Lines offsets")
+    if connectivity.dtype.kind not in "iu" or offsets.dtype.kind not in "iu":
+        raise ValueError(f"{path} Lines must hold whole numbers, got {connectivity.dtype} and {offsets.dtype}")
     if offsets.size and (np.diff(offsets, prepend=0).min() < 0 or offsets[-1] != connectivity.size):
         raise ValueError(
             f"{path} Lines offsets must rise to the {connectivity.size} entries of its connectivity, got {offsets}"
@@ -119,7 +124,7 @@ class _Reader:
                 return np.frombuffer(self._decoded(text.encode(), True), dtype=dtype)
             if form == "appended":
                 return np.frombuffer(self._decoded(self._from(element, name), self.base64), dtype=dtype)
-        except (ValueError, zlib.error, binascii.Error, IndexError) as error:
+        except (ValueError, OverflowError, zlib.error, binascii.Error, IndexError) as error:
             raise ValueError(
                 f"{self.path} {name} cannot be read, its {form} data are damaged or cut off: {error}"
             ) from None
@@ -141,13 +146,21 @@ class _Reader:
             count = int(self._numbers(_unwrap(data, size, is_base64), 1)[0])
             return self._exactly(_unwrap(data, size + count, is_base64)[size:], count)
         blocks = int(self._numbers(_unwrap(data, size, is_base64), 1)[0])
+        if not 0 <= blocks <= len(data):
+            raise ValueError(f"{blocks} blocks announced in {len(data)} bytes")
         header = self._numbers(_unwrap(data, (3 + blocks) * size, is_base64), 3 + blocks)
         begin = _text_length((3 + blocks) * size) if is_base64 else (3 + blocks) * size
         packed = _unwrap(data[begin:], int(header[3:].sum()), is_base64)
         ends = header[3:].cumsum().astype(int)
-        plain = b"".join(zlib.decompress(packed[end - int(n) : end]) for n, end in zip(header[3:], ends, strict=True))
         whole = int(blocks * header[1] if header[2] == 0 else (blocks - 1) * header[1] + header[2]) if blocks else 0
-        return self._exactly(plain, whole)
+        if not 0 <= whole <= _MOST_BYTES:
+            raise ValueError(f"{whole} bytes announced; at most {_MOST_BYTES} are read")
+        plain = bytearray()
+        for n, end in zip(header[3:], ends, strict=True):  # no block may hold more than what is still announced
+            plain += zlib.decompressobj().decompress(packed[end - int(n) : end], whole - len(plain) + 1)
+            if len(plain) > whole:
+                raise ValueError(f"{whole} bytes announced, more found")
+        return self._exactly(bytes(plain), whole)
 
     def _numbers(self, data: bytes, count: int) -> np.ndarray:
         return np.frombuffer(self._exactly(data, count * self.header.itemsize), dtype=self.header).astype(np.int64)

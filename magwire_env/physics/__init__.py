@@ -6,6 +6,7 @@ from typing import Any
 from .dipoles import MU0, DipoleCloud, field, field_gradient, force, torque
 from .guidewire import Guidewire
 from .magnets import BlockMagnet, CylinderMagnet, Magnet, PointDipole
+from .profile import Profile
 from .rod import FreeRod, NotConverged, RodPath
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "Magnet",
     "NotConverged",
     "PointDipole",
+    "Profile",
     "RodPath",
     "field",
     "field_gradient",

@@ -8,15 +8,20 @@ import tomllib
 import types
 import typing
 from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..lumen.curve import Tract
+from ..lumen.lumen import Lumen, Wall
+from ..lumen.rooms import BoxWall
 from ..physics.checks import non_negative, one_of, positive, vector, whole
 from ..physics.guidewire import Guidewire
 from ..physics.magnets import BlockMagnet, CylinderMagnet, PointDipole
+from ..physics.profile import Profile
+from .base import Feed, Twist
 from .rig import ActuatedMagnet, Coil, Current, Rig, Slide, Turn, cheapest_rule
 from .sensing import Reading, Sensing, Variation
 
@@ -26,6 +31,7 @@ __all__ = [
     "Coil",
     "Contact",
     "Current",
+    "Feed",
     "Reading",
     "Rig",
     "Scenario",
@@ -33,10 +39,17 @@ __all__ = [
     "Slide",
     "Timing",
     "Turn",
+    "Twist",
     "Variation",
 ]
 
 COUPLINGS = ("force", "wrench")
+
+
+def _missing(name: str) -> Any:
+    raise ValueError(f"Scenario.{name} must be given")
+
+
 _SHIPPED = Path(__file__).parents[1] / "scenarios"
 
 
@@ -49,7 +62,9 @@ class Contact:
     drag : N·s/m², viscous drag per metre of wire and per m/s
     lever : m, between the two contacts that bear the tip magnet's couple
     lever_friction : the couple's contacts add to the tip's friction
-    wall_force_limit : N; `cost` is the tip's wall force above it
+    wall_force_limit : N; `cost` is the wall force above it
+    stiffness : N/m², of the wall, for each metre of wire and of penetration; for the free wire
+    points : contact points a segment of the free wire, 1 for its nodes alone
     """
 
     friction: float = 0.05
@@ -58,24 +73,36 @@ class Contact:
     lever: float = 10e-3
     lever_friction: bool = False
     wall_force_limit: float = 0.1
+    stiffness: float = 2e5
+    points: int = 1
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "friction", non_negative("Contact.friction", self.friction))
         object.__setattr__(self, "drag", non_negative("Contact.drag", self.drag, "N·s/m²"))
         for name, unit in (("stick_speed", "m/s"), ("lever", "m"), ("wall_force_limit", "N")):
             object.__setattr__(self, name, positive(f"Contact.{name}", getattr(self, name), unit))
+        object.__setattr__(self, "stiffness", positive("Contact.stiffness", self.stiffness, "N/m²"))
+        object.__setattr__(self, "points", whole("Contact.points", self.points, 1))
 
 
 @dataclass(frozen=True)
 class Timing:
-    """control_period : s between commands; substeps : integration steps in one control period."""
+    """How time is cut.
+
+    control_period : s between commands
+    substeps : integration steps in one control period
+    free_step : s at most, of the free wire's steps: it cuts substeps into as many as that takes, and halves those that
+        do not converge by itself
+    """
 
     control_period: float = 0.1
     substeps: int = 2
+    free_step: float = 10e-3
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "control_period", positive("Timing.control_period", self.control_period, "s"))
         object.__setattr__(self, "substeps", whole("Timing.substeps", self.substeps, 1))
+        object.__setattr__(self, "free_step", positive("Timing.free_step", self.free_step, "s"))
 
 
 @dataclass(frozen=True)
@@ -84,24 +111,27 @@ class Scenario:
 
     name : for people
     tract, wire, tip : the lumen, the guidewire, and the magnet at its tip (moment along the tract's tangent)
-    rig : the external magnets
+    rig : the external magnets, and how the wire's base is moved
     contact, coupling, gravity, timing : see the parts; gravity in m/s²
     sensing, variation : what the policy's readings suffer, and what differs from episode to episode; by default nothing
-    model : the wire model that moves it, see `magwire_env.simulation.model`; "locked" is the paper's
+    model : the wire model that moves it, see `magwire_env.simulation.model`; "locked" is the paper's, "free" a rod in
+        space that touches the wall
+    lumen : in place of `tract`, a tree of branches, whose trunk is then the tract
 
     `coupling` is the force that drives the tip along the tract: ``"force"``, the paper's projection F·t, or
     ``"wrench"``, the generalised force F·t + m κ n·B that follows from the energy −m t·B, since a tip locked to a
-    bend turns as it slides. A closed tract takes "wrench" only: F·t is not conservative round a loop.
+    bend turns as it slides. A closed tract takes "wrench" only: F·t is not conservative round a loop. The free wire
+    feels force and couple as they are, whatever `coupling` says.
 
     >>> Scenario.paper().rig.magnets[0].dipoles       # the rule it took for its own smallest distance
     ('fitted', 21)
     """
 
     name: str
-    tract: Tract
-    wire: Guidewire
-    tip: CylinderMagnet
-    rig: Rig
+    tract: Tract = field(default=None)  # type: ignore[assignment]  # or `lumen`
+    wire: Guidewire = field(default_factory=partial(_missing, "wire"))
+    tip: CylinderMagnet = field(default_factory=partial(_missing, "tip"))
+    rig: Rig = field(default_factory=partial(_missing, "rig"))
     contact: Contact = field(default_factory=Contact)
     coupling: str = "force"
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -109,24 +139,48 @@ class Scenario:
     sensing: Sensing = field(default_factory=Sensing)
     variation: Variation = field(default_factory=Variation)
     model: str = "locked"
+    lumen: Lumen | None = None
 
     def __post_init__(self) -> None:
+        self._check_lumen()
         one_of("Scenario.coupling", self.coupling, COUPLINGS)
         object.__setattr__(self, "gravity", vector("Scenario.gravity", self.gravity, 3, "m/s²"))
         if self.tract.closed and self.coupling == "force":
             raise ValueError(
                 "Scenario.coupling must be 'wrench' on a closed tract, where F·t does net work a lap, got 'force'"
             )
-        if self.wire.length >= self.tract.length:
+        if self.rig.feed is None and self.wire.length >= self.tract.length:
             raise ValueError(
                 f"Scenario.wire.length must be less than the tract's {self.tract.length:.4g} m, "
                 f"got {self.wire.length:g} m"
             )
-        centreline = self.tract.position(np.linspace(0.0, self.tract.length, 4 * len(self.tract.table)))
+        object.__setattr__(self, "rig", dataclasses.replace(self.rig, magnets=self._magnets(), feed=self._feed()))
+
+    def _check_lumen(self) -> None:
+        if self.lumen is None and self.tract is None:
+            raise ValueError("Scenario.tract or Scenario.lumen must be given, got neither")
+        if self.lumen is None:
+            if not isinstance(self.tract, Tract):
+                raise ValueError(f"Scenario.tract must be a Tract, got {self.tract!r}")
+            return
+        if not isinstance(self.lumen, Lumen):
+            raise ValueError(f"Scenario.lumen must be a Lumen, got {self.lumen!r}")
+        trunk = self.lumen.trunk.curve
+        if self.tract is None:
+            object.__setattr__(self, "tract", trunk)
+        elif self.tract != trunk:
+            raise ValueError("Scenario.tract must be left out where Scenario.lumen is given, whose trunk it is")
+
+    def _magnets(self) -> tuple[ActuatedMagnet, ...]:
+        """The magnets, clear of the lumen, each with its rule."""
+        curves = [branch.curve for branch in self.tree.branches]
+        centrelines = [c.position(np.linspace(0.0, c.length, 4 * len(c.table))) for c in curves]
         magnets = []
         for i, mount in enumerate(self.rig.magnets):
-            distance = mount.distance_to(centreline) - 3**0.5 * self.variation.placement
-            clear = mount.magnet.reach + self.tract.widest
+            spare = [mount.distance_to(line) - c.widest for line, c in zip(centrelines, curves, strict=True)]
+            nearest = int(np.argmin(spare))
+            distance = mount.distance_to(centrelines[nearest]) - 3**0.5 * self.variation.placement
+            clear = mount.magnet.reach + curves[nearest].widest
             if distance < clear:
                 raise ValueError(
                     f"Scenario.rig.magnets[{i}].position must keep the magnet's centre at least {clear:.4g} m from the "
@@ -135,7 +189,22 @@ class Scenario:
             if not mount.dipoles:
                 mount = dataclasses.replace(mount, dipoles=cheapest_rule(mount.magnet, distance))
             magnets.append(mount)
-        object.__setattr__(self, "rig", Rig(tuple(magnets), self.rig.coils))
+        return tuple(magnets)
+
+    def _feed(self) -> Feed | None:
+        """The feed with its limits filled in."""
+        if self.rig.feed is None:
+            return None
+        if self.tract.closed:
+            raise ValueError("Scenario.tract must be open to have a wire fed in, got a closed one")
+        if self.rig.twist and not self.wire.twisting:
+            raise ValueError("Scenario.wire.twisting must be given (in N·m²) with Rig.twist, got None")
+        return self.rig.feed.within(self.wire.length, self.wire.segment_length)
+
+    @property
+    def tree(self) -> Lumen:
+        """The lumen as a tree: of one branch, "trunk", where a tract is given."""
+        return self.lumen if self.lumen is not None else _of_one_branch(self.tract)
 
     @property
     def moving_mass(self) -> float:
@@ -180,10 +249,14 @@ class Scenario:
                 nested.setdefault(part, {})[inner] = value
             else:
                 flat[part] = value
+        if flat.get("lumen") is not None:
+            flat.setdefault("tract", None)
+        elif "tract" in flat:
+            flat.setdefault("lumen", None)
         for part, inner_changes in nested.items():
             known = (
                 {f.name for f in dataclasses.fields(getattr(self, part))}
-                if part not in ("name", "coupling", "gravity", "model")
+                if part not in ("name", "coupling", "gravity", "model", "lumen")
                 else set()
             )
             if unknown := set(inner_changes) - known:
@@ -192,10 +265,20 @@ class Scenario:
         return dataclasses.replace(self, **flat)
 
     def save(self, path: str | Path) -> None:
-        """Write the scenario as TOML; a tract is stored by its points, so the file stands alone."""
+        """Write the scenario as TOML; a lumen is stored by its points, so the file stands alone.
+
+        A lumen whose wall is a surface goes into a file of its own beside it, ``<path's stem>.lumen``.
+        """
         import tomli_w
 
-        Path(path).write_text(tomli_w.dumps(_to_toml(self)), encoding="utf-8")
+        file, tree = Path(path), _to_toml(self)
+        if self.lumen is not None:
+            del tree["tract"]
+            if type(self.lumen.wall) not in (type(None), *_KIND_OF):
+                beside = file.with_suffix(".lumen")
+                self.lumen.save(beside)
+                tree["lumen"] = beside.name
+        file.write_text(tomli_w.dumps(tree), encoding="utf-8")
 
     @classmethod
     def load(cls, path: str | Path) -> Scenario:
@@ -215,7 +298,16 @@ class Scenario:
             tree = tomllib.loads(file.read_text(encoding="utf-8"))
         except tomllib.TOMLDecodeError as error:
             raise ValueError(f"{file} is not valid TOML: {error}") from error
+        if isinstance(tree.get("lumen"), str):
+            tree["lumen"] = Lumen.load(file.parent / tree["lumen"])
+        elif "tract" not in tree and "lumen" not in tree:
+            raise ValueError(f"{file} lacks the key 'tract' (or 'lumen')")
         return _from_toml(cls, tree, str(file))
+
+
+@lru_cache(maxsize=256)
+def _of_one_branch(tract: Tract) -> Lumen:
+    return Lumen.from_tract(tract)
 
 
 def above(tract: Tract, distance: float) -> tuple[float, float, float]:
@@ -231,21 +323,33 @@ def above(tract: Tract, distance: float) -> tuple[float, float, float]:
 
 # --- TOML -------------------------------------------------------------------------------------------------------------
 
-_KINDS = {"block": BlockMagnet, "cylinder": CylinderMagnet, "point": PointDipole, "turn": Turn, "slide": Slide}
+_KINDS: dict[str, type] = {
+    "block": BlockMagnet, "cylinder": CylinderMagnet, "point": PointDipole, "turn": Turn, "slide": Slide, "box": BoxWall,
+}  # fmt: skip
 _KIND_OF = {cls: kind for kind, cls in _KINDS.items()}
 
 
 def _to_toml(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         tree = {"kind": _KIND_OF[type(value)]} if type(value) in _KIND_OF else {}
-        return tree | {f.name: _to_toml(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        found = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        return tree | {name: _to_toml(part) for name, part in found.items() if part is not None}
     if isinstance(value, tuple):
         return [_to_toml(v) for v in value]
     return value
 
 
 def _from_toml(kind: Any, tree: Any, where: str) -> Any:
+    if kind is Lumen and isinstance(tree, Lumen):
+        return tree
     origin, args = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType) and types.NoneType in args and len(args) == 2:
+        (kind,) = (a for a in args if a is not types.NoneType)
+        if kind is Wall:
+            return _tagged((BoxWall,), tree, where)
+        if kind is Profile and not isinstance(tree, dict):
+            return tree  # a number is a profile that is constant
+        return _from_toml(kind, tree, where)
     if origin in (typing.Union, types.UnionType) and any(a in _KIND_OF for a in args):
         return _tagged(args, tree, where)
     if dataclasses.is_dataclass(kind):

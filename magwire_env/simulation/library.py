@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..scenario import Scenario
-from .model import model_class
+from .model import model_class, require
 from .rig_arrays import RigLibrary
 from .servo import LIMIT
 
@@ -40,6 +40,9 @@ class Library:
     dof, magnet_count, is_turn, home : see `RigLibrary`
     limits : `Limits`
     wire_length, tract_length : (entries,) m
+    start_length : (entries,) m, where the tip of a wire stands that lies just inside the inlet: the wire's length, or
+        what its feed has inserted
+    reach : (entries, 2) m, how far from the inlet a feed can bring a tip; −∞ and ∞ of a wire that is dragged
 
     Raises `ValueError` if the scenarios differ in timing, wire model or the kinds of their degrees of freedom.
     """
@@ -54,6 +57,7 @@ class Library:
                 raise ValueError(f"scenario[{i}].timing must be that of the batch, {self.timing}, got {sc.timing}")
             if sc.model != self.model:
                 raise ValueError(f"scenario[{i}].model must be that of the batch, {self.model!r}, got {sc.model!r}")
+            _check_model(sc)
         self.rigs = RigLibrary(self.scenarios)
         self.wires: Any = model_class(self.model).library(self.scenarios)
         self.dof, self.magnet_count = self.rigs.dof, self.rigs.magnet_count
@@ -62,3 +66,18 @@ class Library:
         self.limits = Limits(rows[:, :, LIMIT.speed], rows[:, :, LIMIT.low], rows[:, :, LIMIT.high])
         self.wire_length = np.array([sc.wire.length for sc in self.scenarios])
         self.tract_length = np.array([sc.tract.length for sc in self.scenarios])
+        self.start_length = np.array(
+            [sc.wire.length if sc.rig.feed is None else sc.rig.feed.home for sc in self.scenarios], dtype=np.float64
+        )
+        feeds = [sc.rig.feed for sc in self.scenarios]
+        self.reach = np.array([(-np.inf, np.inf) if f is None else (f.low, f.high) for f in feeds], dtype=np.float64)
+
+
+def _check_model(sc: Scenario) -> None:
+    """Raise `ValueError` if the scenario holds what its wire model knows nothing of."""
+    if sc.rig.base:
+        require(sc, "base", "Scenario.rig.feed")
+    if sc.wire.profiled:
+        require(sc, "profiles", f"Scenario.wire.{sc.wire.profiled[0]}")
+    if sc.lumen is not None and (len(sc.lumen.branches) > 1 or sc.lumen.wall is not None):
+        require(sc, "branches", "Scenario.lumen")

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..scenario import Scenario
 from .library import Library
-from .model import Places, WireModel, model_class
+from .model import Places, WireModel, model_class, require
 from .readout import ROW
 from .rig_arrays import RigLanes, aligned_zeros
 from .state import SimulatorState, Trajectories
@@ -182,17 +182,20 @@ class Simulator:
     def lay(self, lanes: np.ndarray, places: Places, magnet: np.ndarray, goals: Places | None = None) -> None:
         """`reset` of `lanes` (n,), unchecked: tips at `places`, the rig at (n, dof) rad or m, new goals if given."""
         with self._lock:
+            self.model.lay(lanes, places)
             if goals is not None:
                 self._aim(lanes, goals)
-            self.model.lay(lanes, places)
-            self.rig.q[:, lanes] = magnet.T
+            self.rig.place(lanes, magnet)
             self.model.refresh(lanes)
             self.time[lanes] = 0.0
 
     def set_rig(self, magnet: np.ndarray, lanes: np.ndarray | None = None) -> None:
-        """Put the rig of `lanes` (all by default) to (n, dof) rad or m, as if it had always been there."""
+        """Put the rig of `lanes` (all by default) to (n, dof) rad or m, as if it had always been there.
+
+        Feed and twist of a wire's base stay as they are: the wire would have to be another one.
+        """
         lanes = np.arange(self.num_envs) if lanes is None else self._checked_lanes(lanes)
-        self.rig.q[:, lanes] = self._checked(magnet, len(lanes), "magnet").T
+        self.rig.place(lanes, self._checked(magnet, len(lanes), "magnet"))
         self.model.refresh(lanes)
 
     def set_goal(self, lanes: np.ndarray, places: Places | np.ndarray) -> None:
@@ -424,6 +427,24 @@ class Simulator:
     def contact_forces(self) -> np.ndarray:
         """(n, nodes, 3) N, what the wall exerts on every node; of the locked wire known at the tip alone."""
         return self.model.node_contact(np.arange(self.num_envs))
+
+    @property
+    def base_force(self) -> np.ndarray:
+        """(n, 3) N, what the feed exerts on the wire; 0 of a wire whose base is free. Models without a base refuse."""
+        require(self.library.scenarios[0], "base", "base_force")
+        return self._rows(ROW.base_force_x)
+
+    @property
+    def base_torque(self) -> np.ndarray:
+        """(n, 3) N·m, what the sleeve exerts on the wire; as `base_force`."""
+        require(self.library.scenarios[0], "base", "base_torque")
+        return self._rows(ROW.base_torque_x)
+
+    @property
+    def inserted_length(self) -> np.ndarray:
+        """(n,) m of wire inside the lumen; as `base_force`."""
+        require(self.library.scenarios[0], "base", "inserted_length")
+        return self._row(ROW.inserted)
 
     def ahead(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The route's centreline ahead of the tips: offsets (k,) m along it → points (m), unit tangents and curvature

@@ -75,7 +75,7 @@ def depth_in_bricks(grid, par, x):
     nx, ny, nz = load(par, GRID_NX), load(par, GRID_NY), load(par, GRID_NZ)
     within = (bx >= 0.0) & (by >= 0.0) & (bz >= 0.0) & (bx < nx) & (by < ny) & (bz < nz)
     cx, cy, cz = (
-        minimum(maximum(bx, 0.0), nx - 1.0), minimum(maximum(by, 0.0), ny - 1.0), minimum(maximum(bz, 0.0), nz - 1.0)
+        maximum(minimum(bx, nx - 1.0), 0.0), maximum(minimum(by, ny - 1.0), 0.0), maximum(minimum(bz, nz - 1.0), 0.0)
     )  # fmt: skip
     at = load(par, GRID_AT)
     brick = gather32(grid, at + (cx * ny + cy) * nz + cz, 0)

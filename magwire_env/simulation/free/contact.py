@@ -26,7 +26,7 @@ from ..lanes import (
     where,
 )
 from .bricks import depth_in_bricks
-from .layout import ALONG, FOUND, LAGGED, ROW, TABLE_STRIDE
+from .layout import ALONG, FOUND, GRID_NX, LAGGED, ROW, TABLE_STRIDE
 from .vectors import (
     add6,
     apply6,
@@ -128,7 +128,7 @@ def touch(
 ):
     """Wall and friction at one contact point.
 
-    table, grid : the wall, as rows of a tube or, where `grid` has numbers, as bricks
+    table, grid : the wall, as rows of a tube or, in lanes that have bricks, as bricks
     x, x0 : the point now and at the step's start; t : the wire's direction; spun : rad turned since then
     stiffness : N/m, the wall's times the length the point stands for; slow : m, the stick speed times the step
     taken : whether the last trial became the iterate, whose load is then the friction's
@@ -137,11 +137,15 @@ def touch(
     Returns the energies with the lagged and with the present load, the normal force, the gradient, the Hessian, the
     gradient by the spin, its own second derivative and its mixed ones with x.
     """
-    if len(grid) > 0:
-        depth, normal = depth_in_bricks(grid, par, x)
-        inv, sign, along = spread(0.0), spread(1.0), t
-    else:
+    depth, normal, inv, sign, along = spread(0.0), zero3(), spread(0.0), spread(1.0), t
+    in_bricks = load(par, GRID_NX) > 0.0
+    in_tube = load(par, GRID_NX) <= 0.0
+    if anywhere(in_tube):
         depth, normal, inv, sign, along = tube(table, foot, at, spacing, x, moves)
+    if len(grid) > 0 and anywhere(in_bricks):
+        deep, towards = depth_in_bricks(grid, par, x)
+        depth, normal = where(in_bricks, deep, depth), select3(in_bricks, towards, normal)
+        inv, sign, along = where(in_bricks, 0.0, inv), where(in_bricks, 1.0, sign), select3(in_bricks, t, along)
     depth = depth + radius
     inside = depth > 0.0
     lagged = where(taken, load(work, load_at + FOUND), load(work, load_at + LAGGED))
@@ -162,7 +166,7 @@ def touch(
         )
         old, new = energy, energy
         if anywhere(friction > 0.0):
-            n = times(rsqrt(dot(normal, normal)), normal)
+            n = times(rsqrt(maximum(dot(normal, normal), 1e-30)), normal)
             store3(work, load_at + FOUND + LANES, n)
             moved = sub(x, x0)
             v = plus(moved, spun * radius, cross(t, lag_n))

@@ -77,16 +77,17 @@ WIRE_STRIDE = len(_WIRE.split()) * LANES
 # SPUN, SPUN_START : rad the base has been turned; BASE_MX … TIP_MZ : directors of the clamps
 # Over the last period: FAILED steps, EVALUATED potentials, STEPPED steps, RESIDUAL N at most, SUM_WALL N (times the
 #     steps), PEAK_WALL N, of the wall's normal forces
-# BASE_FX … BASE_TQZ : what the base exerts on the wire, N and N·m
+# BASE_FX … BASE_TQZ : what the base exerts on the wire, N and N·m; ENDED : 1 where a step has just ended
 _LANE = """FIRST CELL CELL_REST CELL_START CELL_SPEED CELL_MOVE OUT FEED_GOAL FEED_START FEED_WANT TWIST_WANT
 LEFT LENGTH H
 ENERGY SLOPE ALPHA TRIES TAKEN EXACT SPUN SPUN_START BASE_MX BASE_MY BASE_MZ TIP_MX TIP_MY TIP_MZ
-FAILED EVALUATED STEPPED RESIDUAL SUM_WALL PEAK_WALL BASE_FX BASE_FY BASE_FZ BASE_TQX BASE_TQY BASE_TQZ"""
+FAILED EVALUATED STEPPED RESIDUAL SUM_WALL PEAK_WALL BASE_FX BASE_FY BASE_FZ BASE_TQX BASE_TQY BASE_TQZ ENDED"""
 (
     FIRST, CELL, CELL_REST, CELL_START, CELL_SPEED, CELL_MOVE, OUT, FEED_GOAL, FEED_START, FEED_WANT, TWIST_WANT,
     LEFT, LENGTH, H,
     ENERGY, SLOPE, ALPHA, TRIES, TAKEN, EXACT, SPUN, SPUN_START, BASE_MX, BASE_MY, BASE_MZ, TIP_MX, TIP_MY, TIP_MZ,
     FAILED, EVALUATED, STEPPED, RESIDUAL, SUM_WALL, PEAK_WALL, BASE_FX, BASE_FY, BASE_FZ, BASE_TQX, BASE_TQY, BASE_TQZ,
+    ENDED,
 ) = _fields(_LANE)  # fmt: skip
 LANE_SIZE = len(_LANE.split()) * LANES
 
@@ -115,6 +116,10 @@ N0, M1, TURN, TURN_MOVE, SPIN_GRADIENT, U1, U2, SPIN_RIGHT, S1, S2, S3 = (
     i * LANES for i in (33, 36, 39, 40, 41, 42, 45, 48, 49, 52, 55)
 )  # fmt: skip
 WORK_STRIDE = 56 * LANES
+
+MARKS = 8
+"""Numbers of a mark: the tip's place, that of the node before it, and the row and the way along it of the tip's foot;
+the rig's degrees of freedom follow."""
 
 # Of a contact point in the workspace: its load and its normal, for friction, as lagged and as found.
 LAGGED, FOUND = 0, 4 * LANES

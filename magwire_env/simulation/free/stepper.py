@@ -13,6 +13,8 @@ the longest; what still fails is kept and counted.
 
 from __future__ import annotations
 
+import math
+
 from ..compiled import inlined, kernel
 from ..lanes import LANES, absolute, anywhere, floor, load, maximum, minimum, reciprocal, rsqrt, spread, store, where
 from . import layout as at
@@ -171,9 +173,12 @@ def judge(old, new, worst, decrement, par, lane, running):
 @kernel
 def run_block(
     block, points, magnetic, par, wire, lane, node, spin, foot, table, grid, dofs, is_turn, rig, magnets, clouds,
-    cloud_of, sources, q, command, work, loads, pose,
+    cloud_of, sources, q, command, work, loads, pose, marks, apart,
 ):  # fmt: skip
-    """One control period of a block, in place."""
+    """One control period of a block, in place.
+
+    marks : receives `layout.MARKS` of the tip and the rig after every `apart` of the longest steps; empty for none
+    """
     zero, one = spread(0.0), spread(1.0)
     nodes = node.shape[0] // at.NODE_STRIDE
     store(lane, at.LEFT, FINEST * load(par, at.STEPS))
@@ -190,6 +195,8 @@ def run_block(
             h = load(lane, at.LENGTH) * longest * (1.0 / FINEST)
             next_cell(finish, again, begin, par, lane, h_old, h)
             next_step(tail, finish, again, begin, par, wire, lane, node, spin, work, h_old, h)
+            if len(marks) > 0:
+                mark(finish, points, par, lane, node, foot, q, is_turn.shape[0], marks, apart * FINEST)
             store(lane, at.H, where(begin, h, h_old))
             if regrid_lanes(points, begin, par, wire, lane, node, spin, foot, work):
                 tail = first_active(lane, nodes)
@@ -248,7 +255,8 @@ def publish(
 ):  # fmt: skip
     """Forces of the present state: a function of places, velocities and directors alone.
 
-    Friction is what a step that has just brought the wire here at its velocity would have left.
+    Friction is what a step that has just brought the wire here at its velocity would have left. Returns the sum of the
+    wall's normal forces, N.
     """
     zero = spread(0.0)
     nodes = node.shape[0] // at.NODE_STRIDE
@@ -268,10 +276,30 @@ def publish(
     for i in range(len(loads) // LANES):
         store(loads, i * LANES, zero)
     place_magnets(rig, magnets, q, pose)
-    evaluate(
+    _, _, _, _, pressed = evaluate(
         block, 0, points, magnetic, par, wire, lane, node, spin, foot, work, loads, table, grid,
         rig, magnets, clouds, cloud_of, sources, pose,
     )  # fmt: skip
+    return pressed
+
+
+@kernel
+def mark(finish, points, par, lane, node, foot, q, dof, marks, apart):
+    """Note the tip and the rig of lanes whose step ended on a mark."""
+    tip = node.shape[0] // at.NODE_STRIDE - 1
+    store(lane, at.ENDED, where(finish, 1.0, 0.0))
+    for l in range(LANES):
+        left = lane[at.LEFT + l]
+        if lane[at.ENDED + l] > 0.5 and math.floor(left / apart) * apart == left:
+            number = int((FINEST * par[at.STEPS + l] - left) / apart)
+            o = number * (at.MARKS + dof) * LANES + l
+            for k in range(3):
+                marks[o + k * LANES] = node[tip * at.NODE_STRIDE + at.X + k * LANES + l]
+                marks[o + (3 + k) * LANES] = node[(tip - 1) * at.NODE_STRIDE + at.X + k * LANES + l]
+            marks[o + 6 * LANES] = foot[tip * points * at.FOOT_STRIDE + at.ROW + l]
+            marks[o + 7 * LANES] = foot[tip * points * at.FOOT_STRIDE + at.ALONG + l]
+            for d in range(dof):
+                marks[o + (at.MARKS + d) * LANES] = q[d * LANES + l]
 
 
 @kernel

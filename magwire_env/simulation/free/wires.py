@@ -110,6 +110,9 @@ NO_WALL = np.zeros((1, at.TABLE_STRIDE))
 NO_WALL[0, 1], NO_WALL[0, 12], NO_WALL[0, 16:18] = 1.0, 1e9, (-1e9, 1e9)
 
 
+NO_MARKS = np.zeros(0)
+
+
 class FreeWires:
     """A batch of n free wires, all of as many segments as the largest; a shorter one's spare nodes come first.
 
@@ -365,7 +368,7 @@ class FreeWires:
                     b, self.points, self.magnetic, self._par[b], self._wire[b], self._lane[b], self._node[b],
                     None if self._spin is None else self._spin[b], self._foot[b], self.table, self.grid, self._dofs[b],
                     self.is_turn, self.rig, self._magnets[b], self.clouds, self.cloud_of, self.sources, self._q[b],
-                    self._command[b], *work,
+                    self._command[b], *work, NO_MARKS, 1.0,
                 )  # fmt: skip
 
         share_out(run, np.arange(self.blocks), self._workspaces, self.threads)  # type: ignore[arg-type]
