@@ -145,8 +145,8 @@ def evaluate(
 ):  # fmt: skip
     """The potential at the trial x + α move, and the elimination of its Newton system.
 
-    Returns the energies with the lagged and the new friction loads, the largest gradient of a coordinate that is free,
-    the Newton decrement gᵀH⁻¹g, the sum of the wall's normal forces.
+    Returns the energies with the lagged and the new friction loads, the largest gradient of a coordinate that is free
+    (of a spin, over its segment's length), the Newton decrement gᵀH⁻¹g, the sum of the wall's normal forces.
     """
     tip = node.shape[0] // at.NODE_STRIDE - 1
     zero, one = spread(0.0), spread(1.0)
@@ -342,6 +342,7 @@ def evaluate(
             decrement = decrement + part
             if spin is not None:
                 store(work, oa + at.SPIN_GRADIENT, qs)
+                worst = maximum(worst, absolute(qs) * reciprocal(load(wire, (i - 1) * at.WIRE_STRIDE + at.REST)))
                 ss, st, tt, sb, sc, tb, tc, gs, gt = node_from_spins(
                     work, oa, inv_a, y, ab, ac, sa, ta, ss, st, tt, sb, sc, tb, tc, gs, gt
                 )
@@ -398,6 +399,7 @@ def evaluate(
     decrement = decrement + part
     if spin is not None:
         store(work, oa + at.SPIN_GRADIENT, qs)
+        worst = maximum(worst, absolute(qs) * inv_span * 0.5)
         ss, st, tt, sb, sc, tb, tc, gs, gt = node_from_spins(
             work, oa, inv_a, y, ab, zero9(), sa, zero3(), ss, zero, one, sb, zero3(), zero3(), zero3(), gs, zero
         )
