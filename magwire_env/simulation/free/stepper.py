@@ -303,6 +303,18 @@ def mark(finish, points, par, lane, node, foot, q, dof, marks, apart):
 
 
 @kernel
+def publish_alone(
+    block, points, magnetic, par, wire, lane, node, spin, foot, table, grid, rig, magnets, clouds, cloud_of, sources, q,
+    work, loads, pose,
+):  # fmt: skip
+    """`publish`, to be called from Python, which knows no lanes."""
+    publish(
+        block, points, magnetic, par, wire, lane, node, spin, foot, table, grid, rig, magnets, clouds, cloud_of,
+        sources, q, work, loads, pose,
+    )  # fmt: skip
+
+
+@kernel
 def regrid_lanes(points, begin, par, wire, lane, node, spin, foot, work):
     """Let nodes out of the sleeve or back into it where a step begins; returns whether any did."""
     cell, fed = load(lane, at.CELL), (load(par, at.FED) > 0.5) & begin

@@ -376,7 +376,7 @@ class FreeWires:
     def refresh(self) -> None:
         """Bring the forces up to date with the present state."""
         for b in range(self.blocks):
-            stepper.publish(
+            stepper.publish_alone(
                 b, self.points, self.magnetic, self._par[b], self._wire[b], self._lane[b], self._node[b],
                 None if self._spin is None else self._spin[b], self._foot[b], self.table, self.grid, self.rig,
                 self._magnets[b], self.clouds, self.cloud_of, self.sources, self._q[b], *self._workspaces[0],
