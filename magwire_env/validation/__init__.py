@@ -8,6 +8,7 @@ from __future__ import annotations
 from . import claims, magnets, motion, rods
 from .free import base as free_base
 from .free import contact as free_contact
+from .free import locked as free_locked
 from .free import rods as free_rods
 from .free import tubes as free_tubes
 from .free import twist as free_twist
@@ -42,6 +43,7 @@ CHECKS = (
     Check("the coupling", claims.coupling),
     Check("F1 rods at rest", free_rods.at_rest),
     Check("F1 buckling", free_rods.buckling),
+    Check("F2 no clearance", free_locked.without_clearance),
     Check("F3 free flight", free_rods.flight),
     Check("F4 static shape", free_rods.static_shape),
     Check("F5 pendulum", free_rods.pendulum),
