@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -75,7 +76,7 @@ class Profile:
         low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
         total = np.zeros(low.shape)
         edges = np.array([-np.inf, *np.unique(self.at), np.inf])
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for a, b in itertools.pairwise(edges):
             left, right = np.clip(low, a, b), np.clip(high, a, b)
             half = 0.5 * (right - left)
             places = 0.5 * (left + right)[:, None] + half[:, None] * _NODES

@@ -42,7 +42,9 @@ class RigLibrary:
         self.is_turn = np.array([isinstance(d, Turn) for d in rig.dofs], dtype=np.bool_)
         kinds = [type(d) for d in rig.dofs]
         self.feed, self.twist = (kinds.index(k) if k in kinds else -1 for k in (Feed, Twist))
-        self.home = np.array([[d.home for d in sc.rig.dofs] for sc in scenarios], dtype=np.float64).reshape(-1, self.dof)
+        self.home = np.array([[d.home for d in sc.rig.dofs] for sc in scenarios], dtype=np.float64).reshape(
+            -1, self.dof
+        )
         self.limits = np.array([sc.rig.limits for sc in scenarios]).reshape(-1, self.dof, 3)
         self.slots = _slots(scenarios[0])
         self.magnets = np.array([_magnet_rows(sc) for sc in scenarios])

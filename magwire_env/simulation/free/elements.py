@@ -44,7 +44,8 @@ def bent(k, u, p, w, q, exact):
     """Energy ½ k |κb|² = 2 k (1 − c)/(1 + c), c = u·w: energy, gradients by e and f, Hessians ee, ef, ff."""
     c = dot(u, w)
     r = reciprocal(maximum(1.0 + c, FOLDED))
-    energy = 2.0 * k * (1.0 - c) * r
+    d = plus(w, -1.0, u)
+    energy = k * dot(d, d) * r  # 1 − c = ½ |w − u|², without loss of digits
     first = 4.0 * k * r * r  # −dE/dc
     second = 2.0 * first * r
     aw, bw = plus(w, -c, u), plus(u, -c, w)

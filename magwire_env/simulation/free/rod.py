@@ -145,8 +145,8 @@ def evaluate(
 ):  # fmt: skip
     """The potential at the trial x + α move, and the elimination of its Newton system.
 
-    Returns the energies with the lagged and the new friction loads, the largest gradient of a coordinate that is free,
-    the Newton decrement gᵀH⁻¹g, the sum of the wall's normal forces.
+    Returns the energies with the lagged and the new friction loads, the largest gradient of a coordinate that is free
+    (of a spin, over its segment's length), the Newton decrement gᵀH⁻¹g, the sum of the wall's normal forces.
     """
     tip = node.shape[0] // at.NODE_STRIDE - 1
     zero, one = spread(0.0), spread(1.0)
@@ -169,7 +169,7 @@ def evaluate(
     xb = trial(node, work, tail, alpha)
     energy, gb, bb, floor_b = own_terms(tail, xb, par, wire, node, work, first <= 1.0 * tail, h)
     old, new, rb = old + energy, new + energy, gb
-    u, p, rest_below = load3(par, at.BASE_TX), zero, zero
+    u, p, rest_below, spun = load3(par, at.BASE_TX), zero, zero, zero
     m_below = load3(lane, at.BASE_MX)
 
     for i in range(tail, tip):
@@ -251,7 +251,6 @@ def evaluate(
         hbc, hcc = add9(hbc, sub9(jef, full(1.0, jff))), add6(hcc, jff)
 
         # --- the wall at the segment's points ---
-        spun = zero
         if spin is not None:
             spun = turn
         away, radius = where(active, wall, 0.0), load(wire, o + at.RADIUS)
@@ -343,6 +342,7 @@ def evaluate(
             decrement = decrement + part
             if spin is not None:
                 store(work, oa + at.SPIN_GRADIENT, qs)
+                worst = maximum(worst, absolute(qs) * reciprocal(load(wire, (i - 1) * at.WIRE_STRIDE + at.REST)))
                 ss, st, tt, sb, sc, tb, tc, gs, gt = node_from_spins(
                     work, oa, inv_a, y, ab, ac, sa, ta, ss, st, tt, sb, sc, tb, tc, gs, gt
                 )
@@ -376,11 +376,13 @@ def evaluate(
     start = load3(work, ob + at.START)
     t_old, t_new, force, g, hx, g_spin, h_spin, x_spin = touch(
         table, grid, par, foot, tip * points * at.FOOT_STRIDE, tip * points * at.LOAD_STRIDE, loads, xb, start, u,
-        load(wire, (tip - 1) * at.WIRE_STRIDE + at.RADIUS), zero,
+        load(wire, (tip - 1) * at.WIRE_STRIDE + at.RADIUS), spun,
         wall * (0.5 * rest_below) + load(par, at.WALL) * load(par, at.TIP_CAP), friction, slow, spacing, exact,
         taken, moves,
     )  # fmt: skip
     old, new, pressed = old + energy + t_old, new + energy + t_new, pressed + force
+    if spin is not None:
+        gs, qs, ss, sb = gs + g_spin, qs + g_spin, ss + h_spin, add(sb, x_spin)
     ga, ra = sub(ga, ge), sub(ra, ge)
     gb, rb = add(gb, add(ge, g)), add(rb, add(ge, g))
     fb = sub(fb, g)
@@ -397,6 +399,7 @@ def evaluate(
     decrement = decrement + part
     if spin is not None:
         store(work, oa + at.SPIN_GRADIENT, qs)
+        worst = maximum(worst, absolute(qs) * inv_span * 0.5)
         ss, st, tt, sb, sc, tb, tc, gs, gt = node_from_spins(
             work, oa, inv_a, y, ab, zero9(), sa, zero3(), ss, zero, one, sb, zero3(), zero3(), zero3(), gs, zero
         )

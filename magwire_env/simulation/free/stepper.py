@@ -5,8 +5,10 @@ and a lane whose step has converged begins its next one while others still searc
 the most evaluations over the *period*, not for the slowest lane of every step; and a lane's course never depends on
 its neighbours.
 
-A trial is taken only if it does not raise the potential (Armijo's rule). A step that has not converged within its
-patience is begun again at half its length, down to a 64th of the longest; what still fails is kept and counted.
+A trial is taken only if it does not raise the potential (Armijo's rule). Where what there is to gain is lost in the
+potential's rounding, the forces judge instead: they must have come much nearer to balance (the approximate rule of
+Hager and Zhang). A step that has not converged within its patience is begun again at half its length, down to a 64th of
+the longest; what still fails is kept and counted.
 """
 
 from __future__ import annotations
@@ -26,6 +28,9 @@ from .vectors import dot, load3, plus, select3, store3, sub, times, zero3
 ARMIJO = 1e-4
 NOISE, LEAST_MOVE = 1e-13, 1e-9
 """What rounding may raise the potential by: this share of it, and the force tolerance times this way (m)."""
+
+HIDDEN, NEARER = 1e-11, 0.25
+"""Share of the potential that rounding may hide, and what must be left of the Newton decrement where it does."""
 
 HUGE = 1e300
 REFUSED = 1e3
@@ -143,12 +148,15 @@ def actuate(again, begin, par, lane, dofs, is_turn, q, command, h):
 
 
 @inlined
-def judge(old, new, worst, pressed, par, lane, running):
+def judge(old, new, worst, decrement, par, lane, running):
     """Whether the trial is taken, and whether it balances the forces."""
     alpha, slope, tries = load(lane, at.ALPHA), load(lane, at.SLOPE), load(lane, at.TRIES)
     energy = load(lane, at.ENERGY)
     noise = NOISE * (absolute(old) + absolute(energy)) + LEAST_MOVE * load(par, at.FORCE_TOLERANCE)
-    taken = running & ((old <= energy + ARMIJO * alpha * slope + noise) | ((tries < 0.5) & (old < REFUSED)))
+    hidden = HIDDEN * (absolute(old) + absolute(energy))
+    balances = (old <= energy + hidden) & (decrement <= -NEARER * slope)
+    falls = old <= energy + ARMIJO * alpha * slope + noise
+    taken = running & (falls | balances | ((tries < 0.5) & (old < REFUSED)))
     rejected = running & (old > -HUGE)
     # along the parabola through both ends
     drop = maximum(old - energy - alpha * slope, 1e-300)
@@ -204,7 +212,7 @@ def run_block(
             rig, magnets, clouds, cloud_of, sources, pose,
         )  # fmt: skip
         alpha = load(lane, at.ALPHA)
-        taken, balanced = judge(old, new, worst, pressed, par, lane, running)
+        taken, balanced = judge(old, new, worst, decrement, par, lane, running)
         shorter = load(lane, at.ALPHA)
         store(lane, at.ALPHA, alpha)
         most, cell_move = search(tail, taken, balanced, par, wire, lane, node, spin, work, 1e-3)
@@ -292,6 +300,18 @@ def mark(finish, points, par, lane, node, foot, q, dof, marks, apart):
             marks[o + 7 * LANES] = foot[tip * points * at.FOOT_STRIDE + at.ALONG + l]
             for d in range(dof):
                 marks[o + (at.MARKS + d) * LANES] = q[d * LANES + l]
+
+
+@kernel
+def publish_alone(
+    block, points, magnetic, par, wire, lane, node, spin, foot, table, grid, rig, magnets, clouds, cloud_of, sources, q,
+    work, loads, pose,
+):  # fmt: skip
+    """`publish`, to be called from Python, which knows no lanes."""
+    publish(
+        block, points, magnetic, par, wire, lane, node, spin, foot, table, grid, rig, magnets, clouds, cloud_of,
+        sources, q, work, loads, pose,
+    )  # fmt: skip
 
 
 @kernel

@@ -43,6 +43,61 @@ class Pieces:
     def segments(self) -> int:
         return len(self.rest)
 
+    @classmethod
+    def uniform(
+        cls,
+        rest: np.ndarray,
+        bending: float,
+        axial: float,
+        mass: float,
+        twisting: float = 0.0,
+        drag: float = 0.0,
+        radius: float = 1e-3,
+    ) -> Pieces:
+        """A wire of the same properties everywhere, cut into segments of length `rest` (N,) m.
+
+        bending E I, twisting G J : N·m²; axial E A : N; mass : kg/m; drag : N·s/m²; radius : m
+        """
+        rest = np.asarray(rest, dtype=np.float64)
+        share = np.zeros(len(rest) + 1)  # m of wire that a node stands for
+        share[:-1] += 0.5 * rest
+        share[1:] += 0.5 * rest
+        return cls(
+            rest=rest, axial=np.full(len(rest), axial), bending=np.full(len(share), bending), mass=mass * share,
+            drag=drag * share, twisting=twisting, radius=radius, spin_inertia=0.5 * mass * rest * radius**2,
+        )  # fmt: skip
+
+    def with_rigid_tip(self, length: float, moment: float, mass: float = 0.0) -> Pieces:
+        """The same wire with a rigid magnet of `length` m, `moment` A·m² and `mass` kg at its end.
+
+        The joint between them bends over half of the wire's last segment alone.
+        """
+
+        def more(value: np.ndarray | float, count: int, last: float) -> np.ndarray:
+            return np.append(np.broadcast_to(value, count), last)
+
+        def largest(value: np.ndarray | float) -> float:
+            return float(np.max(value))
+
+        n, below = self.segments, float(self.rest[-1])
+        out = Pieces(
+            rest=more(self.rest, n, length),
+            axial=more(self.axial, n, largest(self.axial)),
+            bending=more(self.bending, n + 1, 0.0),
+            mass=more(self.mass, n + 1, 0.5 * mass),
+            drag=more(self.drag, n + 1, 0.0),
+            twisting=more(self.twisting, n + 1, 0.0),
+            curl=np.vstack([np.broadcast_to(self.curl, (n + 1, 2)), [0.0, 0.0]]),
+            radius=more(self.radius, n, largest(self.radius)),
+            moment=more(self.moment, n, moment),
+            where=more(self.where, n, 0.5),
+            spin_inertia=more(self.spin_inertia, n, largest(self.spin_inertia)),
+        )
+        for stiffness in (out.bending, np.asarray(out.twisting)):
+            stiffness[n] *= (below + length) / below
+        out.mass[n] += 0.5 * mass
+        return out
+
 
 def _zeros(rows: int, columns: int) -> np.ndarray:
     """Zeros that start on a cache line."""
@@ -128,12 +183,13 @@ class FreeWires:
         self, array: np.ndarray, stride: int, offset: int, value: np.ndarray | float, lanes: np.ndarray | None
     ) -> None:
         view = self._view(array, stride)[:, :, offset // LANES]  # (blocks, items, LANES)
-        lanes = np.arange(self.blocks * LANES) if lanes is None else np.asarray(lanes)
-        block, lane = np.divmod(lanes, LANES)
-        value = np.asarray(value, dtype=np.float64)
-        if len(lanes) > self.n and value.ndim and value.shape[0] == self.n and value.ndim == 2:
-            value = value[np.minimum(lanes, self.n - 1)]
-        view[block, :, lane] = value
+        at_lanes = np.arange(self.n) if lanes is None else np.asarray(lanes)
+        rows = np.broadcast_to(np.asarray(value, dtype=np.float64), (len(at_lanes), view.shape[1]))
+        if lanes is None:  # spare lanes of the last block are copies of the last lane
+            at_lanes = np.arange(self.blocks * LANES)
+            rows = rows[np.minimum(at_lanes, self.n - 1)]
+        block, lane = np.divmod(at_lanes, LANES)
+        view[block, :, lane] = rows
 
     def _get(self, array: np.ndarray, stride: int, offset: int, count: int = 1) -> np.ndarray:
         view = self._view(array, stride)[:, :, offset // LANES : offset // LANES + count]
@@ -212,12 +268,31 @@ class FreeWires:
                 self._set(self._spin, at.SPIN_STRIDE, at.MX + axis * LANES, directors[..., axis], None)
             self._set(self._spin, at.SPIN_STRIDE, at.RATE, 0.0, None)
 
+    def push(self, velocities: np.ndarray) -> None:
+        """Set the nodes' velocities (nodes, 3) or (n, nodes, 3) m/s, and nothing else; a held node keeps its own."""
+        velocities = np.broadcast_to(np.asarray(velocities, dtype=np.float64), (self.n, self.nodes, 3))
+        for axis in range(3):
+            self._set(self._node, at.NODE_STRIDE, at.VX + axis * LANES, velocities[..., axis], None)
+
+    def hold(self, nodes: list[int], axes: str = "XYZ", held: bool = True) -> None:
+        """Hold nodes along world axes, so that they move at the velocity they are given alone; or let them go."""
+        for axis in axes:
+            offset = getattr(at, f"HOLD_{axis}")
+            rows = self._get(self._wire, at.WIRE_STRIDE, offset)[..., 0].copy()
+            rows[:, nodes] = at.HELD if held else 0.0
+            self.wire(f"HOLD_{axis}", rows)
+
+    def loads(self, forces: np.ndarray) -> None:
+        """Set the dead loads on the nodes, (nodes, 3) or (n, nodes, 3) N."""
+        for k, axis in enumerate("XYZ"):
+            self.wire(f"FORCE_{axis}", np.asarray(forces)[..., k])
+
     def feed(self, inserted: np.ndarray | float, path: Callable[[np.ndarray], np.ndarray]) -> None:
         """Lay the wires along a path, `inserted` m of each of them out of the sleeve at its start, at rest.
 
         path : arc lengths (...) m from the inlet on → points (..., 3) m, straight behind it where negative
         """
-        rest = self._get(self._wire, at.WIRE_STRIDE, at.REST)[:, :-1, 0]
+        rest = self.rest
         to_tip = np.concatenate([np.cumsum(rest[:, ::-1], axis=1)[:, ::-1], np.zeros((self.n, 1))], axis=1)
         inserted = np.broadcast_to(np.asarray(inserted, dtype=np.float64), (self.n,))
         out = inserted[:, None] - to_tip  # of every node, from the inlet
@@ -271,6 +346,11 @@ class FreeWires:
         return self._get(self._node, at.NODE_STRIDE, at.VX, 3)
 
     @property
+    def rest(self) -> np.ndarray:
+        """Rest lengths of the segments, (n, segments) m."""
+        return self._get(self._wire, at.WIRE_STRIDE, at.REST)[:, :-1, 0]
+
+    @property
     def directors(self) -> np.ndarray:
         """(n, segments, 3); only of wires that twist."""
         if self._spin is None:
@@ -296,7 +376,7 @@ class FreeWires:
     def refresh(self) -> None:
         """Bring the forces up to date with the present state."""
         for b in range(self.blocks):
-            stepper.publish(
+            stepper.publish_alone(
                 b, self.points, self.magnetic, self._par[b], self._wire[b], self._lane[b], self._node[b],
                 None if self._spin is None else self._spin[b], self._foot[b], self.table, self.grid, self.rig,
                 self._magnets[b], self.clouds, self.cloud_of, self.sources, self._q[b], *self._workspaces[0],
