@@ -42,7 +42,6 @@ class FreeModel:
     ) -> None:
         own: FreeLibrary = library.wires
         self._own, self._rig, self._readout, self._trace = own, rig, readout, trace
-        self._timing = library.timing
         self.nodes, n = own.nodes, rig.n
         blocks = -(-n // LANES)
         self._threads = threads or min(cores(), blocks)
@@ -67,7 +66,7 @@ class FreeModel:
         self._feed, self._twist = rigs.feed, rigs.twist
         self._outside = rigs.dof - (self._feed >= 0) - (self._twist >= 0)
         count = min(max(self._threads, 1), blocks)
-        self._benches = [self._bench(library.timing.substeps, len(rigs.slots)) for _ in range(count)]
+        self._benches = [self._bench(own.steps, len(rigs.slots)) for _ in range(count)]
         self._views = {
             "node": (self._node.reshape(blocks, self.nodes, -1, LANES)),
             "foot": (self._foot.reshape(blocks, self.nodes * own.points, -1, LANES)),
@@ -241,11 +240,11 @@ class FreeModel:
 
     def step(self) -> None:
         """As `WireModel.step`."""
-        drive, found, substeps, n = self._drive, self._rig.magnetics, self._timing.substeps, self._rig.n
+        drive, found, substeps, n = self._drive, self._rig.magnetics, self._own.steps, self._rig.n
 
         def run(blocks: np.ndarray, bench: tuple) -> None:
             period.control_period(
-                blocks, self._own.apart, substeps, n, found, drive, self._batch, self._spin, self._ways, self._trace,
+                blocks, substeps, n, found, drive, self._batch, self._spin, self._ways, self._trace,
                 self._readout, bench,
             )  # fmt: skip
 

@@ -226,10 +226,9 @@ def at_mark(block, count, number, rig, drive, batch, ways, bench):
 
 
 @kernel
-def control_period(blocks, apart, substeps, n, magnetics, drive, batch, spin, ways, trace, readout, bench):
+def control_period(blocks, substeps, n, magnetics, drive, batch, spin, ways, trace, readout, bench):
     """One control period of some blocks.
 
-    apart : steps of the integration in a substep
     n : lanes of the batch
     magnetics, drive, batch, ways, bench : fields of `Magnetics`, `Drive`, `Batch`, `Ways`, `Bench`
     spin : directors, or None
@@ -251,14 +250,14 @@ def control_period(blocks, apart, substeps, n, magnetics, drive, batch, spin, wa
                 block, points, batch.magnetic, row(batch.par, block), row(batch.wire, block), lane,
                 row(batch.node, block), None, row(batch.foot, block), batch.table, batch.grid, bench.dofs,
                 drive.is_turn, rig.slots, row(drive.magnets, block), drive.clouds, rig.cloud_of, rig.sources, bench.q,
-                bench.command, bench.work, bench.loads, bench.pose, bench.marks, apart,
+                bench.command, bench.work, bench.loads, bench.pose, bench.marks, 1.0,
             )  # fmt: skip
         else:
             run_block(
                 block, points, batch.magnetic, row(batch.par, block), row(batch.wire, block), lane,
                 row(batch.node, block), row(spin, block), row(batch.foot, block), batch.table, batch.grid, bench.dofs,
                 drive.is_turn, rig.slots, row(drive.magnets, block), drive.clouds, rig.cloud_of, rig.sources, bench.q,
-                bench.command, bench.work, bench.loads, bench.pose, bench.marks, apart,
+                bench.command, bench.work, bench.loads, bench.pose, bench.marks, 1.0,
             )  # fmt: skip
         peak = spread(0.0)
         for number in range(substeps):

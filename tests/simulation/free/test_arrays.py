@@ -252,8 +252,8 @@ def test_what_the_locked_wire_does_not_know_is_refused_by_name():
 
 def test_a_batch_must_share_what_is_compiled_in():
     free = fed_fork()
-    with pytest.raises(ValueError, match=r"scenario\[1\]\.contact\.points must be that of the batch, 1, got 2"):
-        Simulator([free, free.replace(contact__points=2)])
+    with pytest.raises(ValueError, match=r"scenario\[1\]\.contact\.per_segment must be that of the batch, 1, got 2"):
+        Simulator([free, free.replace(contact__per_segment=2)])
     with pytest.raises(ValueError, match=r"scenario\[1\]\.wire\.twisting must be given .* in all scenarios"):
         Simulator([free, free.replace(wire__twisting=1e-6)])
 
@@ -261,6 +261,7 @@ def test_a_batch_must_share_what_is_compiled_in():
 def test_a_place_that_the_feed_cannot_reach_changes_nothing():
     sim = Simulator(fed_fork())
     before = sim.state()
-    with pytest.raises(ValueError, match=r"tip_arclength must lie where the feed can bring the tip, in \[0.015, 0.12\] m"):
+    words = r"tip_arclength must lie where the feed can bring the tip, in \[0\.015, 0\.12\] m"
+    with pytest.raises(ValueError, match=words):
         sim.reset(tip_arclength=0.005)
     assert sim.state() == before
