@@ -17,7 +17,7 @@ from ..rig_arrays import RigLanes, aligned_zeros
 from ..threads import cores, share_out
 from . import layout as at
 from . import magnetics, period, ways
-from .library import FreeLibrary
+from .library import FreeLibrary, LayingCurve
 
 __all__ = ["FreeModel"]
 
@@ -89,13 +89,10 @@ class FreeModel:
             self.nodes * at.WORK_STRIDE, self.nodes * points * at.LOAD_STRIDE, bodies * magnetics.POSE_STRIDE,
             (substeps + 1) * (at.MARKS + dof) * LANES, dof * 3 * LANES, 2 * dof * LANES, dof * LANES,
         )  # fmt: skip
-        return tuple(
-            period.Bench(
-                *(aligned_zeros(max(size, LANES)) for size in flat), aligned_zeros(max(dof, 1), LANES),
-                aligned_zeros(period.OUT_ROWS, LANES), aligned_zeros(2, LANES), np.zeros((1, 3)), np.zeros((1, KEPT)),
-                np.zeros((1, KEPT), dtype=np.int64), np.zeros((1, KEPT)),
-            )
-        )  # fmt: skip
+        own = [aligned_zeros(max(size, LANES)) for size in flat]
+        own += [aligned_zeros(max(dof, 1), LANES), aligned_zeros(period.OUT_ROWS, LANES), aligned_zeros(2, LANES)]
+        own += [np.zeros((1, 3)), np.zeros((1, KEPT)), np.zeros((1, KEPT), dtype=np.int64), np.zeros((1, KEPT))]
+        return tuple(period.Bench._make(own))
 
     def _columns(self) -> Mapping[str, slice]:
         sizes = {"positions": 3 * self.nodes, "velocities": 3 * self.nodes}
@@ -145,7 +142,7 @@ class FreeModel:
         n, own = len(lanes), self._own
         positions, along = np.zeros((n, self.nodes, 3)), np.zeros((n, self.nodes))
         cells, fed, spare = np.zeros((n, 3)), own.fed[entries], own.first_node[entries]
-        groups = {}
+        groups: dict[int, tuple[LayingCurve, list[int]]] = {}
         for i, (entry, branch) in enumerate(zip(entries.tolist(), places.branch.tolist(), strict=True)):
             curve = own.laying_curve(entry, branch)
             groups.setdefault(id(curve), (curve, []))[1].append(i)

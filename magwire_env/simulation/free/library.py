@@ -166,12 +166,14 @@ def _ways(lumens: Sequence[Lumen]) -> Ways:
             kept.append(array)
     table, course = centreline.tables(tracts)
     joined = [np.ascontiguousarray(np.concatenate(kept)) for kept in tables]
-    return Ways(
-        np.array([first[lumen] for lumen in lumens]),
-        np.array([len(lumen.branches) for lumen in lumens]),
-        np.array(columns["parent"], dtype=np.int64),
-        *(np.array(columns[name], dtype=np.float64) for name in ("start", "begin", "length")),
-        np.ascontiguousarray(course, dtype=np.float64),
-        table,
-        *joined,
+    return Ways._make(
+        [
+            np.array([first[lumen] for lumen in lumens]),
+            np.array([len(lumen.branches) for lumen in lumens]),
+            np.array(columns["parent"], dtype=np.int64),
+            *(np.array(columns[name], dtype=np.float64) for name in ("start", "begin", "length")),
+            np.ascontiguousarray(course, dtype=np.float64),
+            table,
+            *joined,
+        ]
     )

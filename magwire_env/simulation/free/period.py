@@ -171,7 +171,7 @@ def way(block, count, ways, batch, bench):
         left = remaining(ways, entry, b, s, goal, batch.goal[lane])
         o[ROW.remaining, l] = left
         o[ROW.travelled, l] = s
-        if ways.count[entry] > 1:
+        if ways.branches[entry] > 1:
             o[ROW.travelled, l] = ways.begin[first + goal] + batch.goal[lane] - left
         _, t, _ = curve_at(s, ways.course[first + b], ways.table)
         size = 1.0 / math.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2])
