@@ -5,18 +5,21 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..lumen.curve import Tract
+from ..lumen.lumen import Lumen
+from ..lumen.rooms import BoxWall
 from ..physics.checks import one_of, positive
 from ..physics.guidewire import Guidewire
 from ..physics.magnets import BlockMagnet, CylinderMagnet
 from ..physics.ranges import counted, ranged, ranged_vector
 from . import plausible, steps, toml
+from .base import Feed, Twist
 from .rig import ActuatedMagnet, Coil, Current, Rig, Slide, Turn, cheapest_rule
 from .sensing import Reading, Sensing, Variation
 
@@ -26,6 +29,7 @@ __all__ = [
     "Coil",
     "Contact",
     "Current",
+    "Feed",
     "Reading",
     "Rig",
     "Scenario",
@@ -33,10 +37,19 @@ __all__ = [
     "Slide",
     "Timing",
     "Turn",
+    "Twist",
     "Variation",
 ]
 
 COUPLINGS = ("force", "wrench")
+
+
+def _missing(name: str) -> Any:
+    raise ValueError(f"Scenario.{name} must be given")
+
+
+_PLAIN_WALLS = (type(None), BoxWall)
+"""Walls that a scenario's own file can hold; others are saved beside it."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +61,9 @@ class Contact:
     drag : N·s/m², viscous drag per metre of wire and per m/s
     lever : m, between the two contacts that bear the tip magnet's couple
     lever_friction : the couple's contacts add to the tip's friction
-    wall_force_limit : N; `cost` is the tip's wall force above it
+    wall_force_limit : N; `cost` is the wall force above it
+    stiffness : N/m², of the wall, for each metre of wire and of penetration; for the free wire
+    per_segment : contact points a segment of the free wire, 1 for its nodes alone
     """
 
     friction: float = 0.05
@@ -57,10 +72,13 @@ class Contact:
     lever: float = 10e-3
     lever_friction: bool = False
     wall_force_limit: float = 0.1
+    stiffness: float = 2e5
+    per_segment: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("friction", "drag", "stick_speed", "lever", "wall_force_limit"):
+        for name in ("friction", "drag", "stick_speed", "lever", "wall_force_limit", "stiffness"):
             object.__setattr__(self, name, ranged(f"Contact.{name}", getattr(self, name)))
+        object.__setattr__(self, "per_segment", counted("Contact.per_segment", self.per_segment))
 
 
 @dataclass(frozen=True)
@@ -85,24 +103,30 @@ class Scenario:
 
     name : for people
     tract, wire, tip : the lumen, the guidewire, and the magnet at its tip (moment along the tract's tangent)
-    rig : the external magnets
+    rig : the external magnets, and how the wire's base is moved
     contact, coupling, gravity, timing : see the parts; gravity in m/s²
     sensing, variation : what the policy's readings suffer, and what differs from episode to episode; by default nothing
-    model : the wire model that moves it, see `magwire_env.simulation.model`; "locked" is the paper's
+    model : the wire model that moves it, see `magwire_env.simulation.model`; "locked" is the paper's, "free" a rod in
+        space that touches the wall
+    lumen : in place of `tract`, a tree of branches, whose trunk is then the tract
 
     `coupling` is the force that drives the tip along the tract: ``"force"``, the paper's projection F·t, or
     ``"wrench"``, the generalised force F·t + m κ n·B that follows from the energy −m t·B, since a tip locked to a
-    bend turns as it slides. A closed tract takes "wrench" only: F·t is not conservative round a loop.
+    bend turns as it slides. A closed tract takes "wrench" only: F·t is not conservative round a loop. The free wire
+    feels force and couple as they are, whatever `coupling` says.
 
     >>> Scenario.paper().rig.magnets[0].dipoles       # the rule it took for its own smallest distance
     ('fitted', 21)
     """
 
+    REQUIRED: ClassVar[tuple[str, ...]] = ("wire", "tip", "rig")
+    """Fields that must be given beside the name and a lumen; `tract` or `lumen` comes before them."""
+
     name: str
-    tract: Tract
-    wire: Guidewire
-    tip: CylinderMagnet
-    rig: Rig
+    tract: Tract = field(default=None)  # type: ignore[assignment]  # or `lumen`
+    wire: Guidewire = field(default_factory=partial(_missing, "wire"))
+    tip: CylinderMagnet = field(default_factory=partial(_missing, "tip"))
+    rig: Rig = field(default_factory=partial(_missing, "rig"))
     contact: Contact = field(default_factory=Contact)
     coupling: str = "force"
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -110,52 +134,88 @@ class Scenario:
     sensing: Sensing = field(default_factory=Sensing)
     variation: Variation = field(default_factory=Variation)
     model: str = "locked"
+    lumen: Lumen | None = None
 
     def __post_init__(self) -> None:
+        self._check_lumen()
         one_of("Scenario.coupling", self.coupling, COUPLINGS)
         object.__setattr__(self, "gravity", ranged_vector("Scenario.gravity", self.gravity))
         if self.tract.closed and self.coupling == "force":
             raise ValueError(
                 "Scenario.coupling must be 'wrench' on a closed tract, where F·t does net work a lap, got 'force'"
             )
-        if self.wire.length >= self.tract.length:
+        if self.rig.feed is None and self.wire.length >= self.tract.length:
             raise ValueError(
                 f"Scenario.wire.length must be less than the tract's {self.tract.length:.4g} m, "
                 f"got {self.wire.length:g} m"
             )
         plausible.check(self)
         magnets, distances = [], []
-        for mount, distance in zip(self.rig.magnets, self._distances, strict=True):
-            if distance >= self._clear(mount):
+        for mount, (distance, clear) in zip(self.rig.magnets, self._distances, strict=True):
+            if distance >= clear:
                 if not mount.dipoles:
                     mount = dataclasses.replace(mount, dipoles=cheapest_rule(mount.magnet, distance))
                 distances.append(distance)
             magnets.append(mount)
-        object.__setattr__(self, "rig", Rig(tuple(magnets), self.rig.coils))
+        object.__setattr__(self, "rig", dataclasses.replace(self.rig, magnets=tuple(magnets), feed=self._feed()))
         if self.model == "locked" and len(distances) == len(magnets):
             steps.check(self, distances)
 
-    @cached_property
-    def _distances(self) -> list[float]:
-        """Smallest distance from the centreline to each magnet's centre, m."""
-        centreline = self.tract.position(np.linspace(0.0, self.tract.length, 4 * len(self.tract.table)))
-        return [m.distance_to(centreline) - 3**0.5 * self.variation.placement for m in self.rig.magnets]
+    def _check_lumen(self) -> None:
+        if self.lumen is None and self.tract is None:
+            raise ValueError("Scenario.tract or Scenario.lumen must be given, got neither")
+        if self.lumen is None:
+            if not isinstance(self.tract, Tract):
+                raise ValueError(f"Scenario.tract must be a Tract, got {self.tract!r}")
+            return
+        if not isinstance(self.lumen, Lumen):
+            raise ValueError(f"Scenario.lumen must be a Lumen, got {self.lumen!r}")
+        trunk = self.lumen.trunk.curve
+        if self.tract is None:
+            object.__setattr__(self, "tract", trunk)
+        elif self.tract != trunk:
+            raise ValueError("Scenario.tract must be left out where Scenario.lumen is given, whose trunk it is")
 
-    def _clear(self, mount: ActuatedMagnet) -> float:
-        """How far a magnet's centre must stay away from the centreline, m."""
-        return mount.magnet.reach + self.tract.widest
+    def _feed(self) -> Feed | None:
+        """The feed with its limits filled in."""
+        if self.rig.feed is None:
+            return None
+        if self.tract.closed:
+            raise ValueError("Scenario.tract must be open to have a wire fed in, got a closed one")
+        if self.rig.twist and not self.wire.twisting:
+            raise ValueError("Scenario.wire.twisting must be given (in N·m²) with Rig.twist, got None")
+        return self.rig.feed.within(self.wire.length, self.wire.segment_length)
+
+    @property
+    def tree(self) -> Lumen:
+        """The lumen as a tree: of one branch, "trunk", where a tract is given."""
+        return self.lumen if self.lumen is not None else _of_one_branch(self.tract)
+
+    @cached_property
+    def _distances(self) -> list[tuple[float, float]]:
+        """For each magnet the least distance of its centre from the centreline of the branch that is nearest to its
+        body, and how far it must stay away from that, m."""
+        curves = [branch.curve for branch in self.tree.branches]
+        centrelines = [c.position(np.linspace(0.0, c.length, 4 * len(c.table))) for c in curves]
+        found = []
+        for mount in self.rig.magnets:
+            spare = [mount.distance_to(line) - c.widest for line, c in zip(centrelines, curves, strict=True)]
+            nearest = int(np.argmin(spare))
+            distance = mount.distance_to(centrelines[nearest]) - 3**0.5 * self.variation.placement
+            found.append((distance, mount.magnet.reach + curves[nearest].widest))
+        return found
 
     def check_placed(self) -> None:
-        """Raise `ValueError` where a magnet reaches into the tract.
+        """Raise `ValueError` where a magnet reaches into the lumen.
 
         Such a scenario can be made, so that a tract can be replaced before the magnets are moved, but not simulated.
         """
-        for i, (mount, distance) in enumerate(zip(self.rig.magnets, self._distances, strict=True)):
-            if distance < self._clear(mount):
+        for i, (mount, (distance, clear)) in enumerate(zip(self.rig.magnets, self._distances, strict=True)):
+            if distance < clear:
                 raise ValueError(
-                    f"Scenario.rig.magnets[{i}].position must keep the magnet's centre at least "
-                    f"{self._clear(mount):.4g} m from the centreline, or the turning magnet enters the tract, got "
-                    f"{distance:.4g} m from {mount.position} m; magwire_env.quasistatic.best_placement finds a place"
+                    f"Scenario.rig.magnets[{i}].position must keep the magnet's centre at least {clear:.4g} m from the "
+                    f"centreline, or the turning magnet enters the tract, got {distance:.4g} m from {mount.position} m; "
+                    f"magwire_env.quasistatic.best_placement finds a place"
                 )
 
     @property
@@ -221,10 +281,14 @@ class Scenario:
                 nested.setdefault(part, {})[inner] = value
             else:
                 flat[part] = value
+        if flat.get("lumen") is not None:
+            flat.setdefault("tract", None)
+        elif "tract" in flat:
+            flat.setdefault("lumen", None)
         for part, inner_changes in nested.items():
             known = (
                 {f.name for f in dataclasses.fields(getattr(self, part))}
-                if part not in ("name", "coupling", "gravity", "model")
+                if part not in ("name", "coupling", "gravity", "model", "lumen")
                 else set()
             )
             if unknown := set(inner_changes) - known:
@@ -233,13 +297,26 @@ class Scenario:
         return dataclasses.replace(self, **flat)
 
     def save(self, path: str | Path) -> None:
-        """Write the scenario as TOML, for people too; a tract is stored by its points, so the file stands alone."""
-        Path(path).write_text(self.dumps(), encoding="utf-8")
+        """Write the scenario as TOML, for people too; a lumen is stored by its points, so the file stands alone.
 
-    def dumps(self) -> str:
-        """The text that `save` writes."""
+        A lumen whose wall is a surface goes into a file of its own beside it, ``<path's stem>.lumen``.
+        """
         from .toml_text import text_of
 
+        file = Path(path)
+        if self.lumen is None or type(self.lumen.wall) in _PLAIN_WALLS:
+            file.write_text(self.dumps(), encoding="utf-8")
+            return
+        beside = file.with_suffix(".lumen")
+        self.lumen.save(beside)
+        file.write_text(text_of(self, lumen=beside.name), encoding="utf-8")
+
+    def dumps(self) -> str:
+        """The text that `save` writes. Raises `ValueError` for a lumen whose wall is a surface: it needs a file."""
+        from .toml_text import text_of
+
+        if self.lumen is not None and type(self.lumen.wall) not in _PLAIN_WALLS:
+            raise ValueError("Scenario.lumen must have a wall of tubes or a box to become text; use Scenario.save")
         return text_of(self)
 
     @classmethod
@@ -255,6 +332,11 @@ class Scenario:
         unknown, missing or impossible, `FileNotFoundError` if there is no file.
         """
         return toml.from_file(cls, path)
+
+
+@lru_cache(maxsize=256)
+def _of_one_branch(tract: Tract) -> Lumen:
+    return Lumen.from_tract(tract)
 
 
 def above(tract: Tract, distance: float) -> tuple[float, float, float]:

@@ -18,7 +18,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..lumen.curve import Tract
+from ..lumen.lumen import Lumen, Wall
+from ..lumen.rooms import BoxWall
 from ..physics.magnets import BlockMagnet, CylinderMagnet, PointDipole
+from ..physics.profile import Profile
 from .rig import Slide, Turn
 
 if TYPE_CHECKING:
@@ -36,6 +39,7 @@ _MOST_PROBLEMS = 12
 
 _KINDS: dict[str, type] = {
     "block": BlockMagnet, "cylinder": CylinderMagnet, "point": PointDipole, "turn": Turn, "slide": Slide,
+    "box": BoxWall,
 }  # fmt: skip
 KIND_OF = {cls: kind for kind, cls in _KINDS.items()}
 """Class → the `kind` that says in a file which of several classes a table is."""
@@ -55,6 +59,8 @@ def from_text(kind: type[Scenario], text: str, where: str, folder: Path | None =
     problems: list[str] = []
     if isinstance(tree.get("tract"), dict):
         tree["tract"] = _tract(tree["tract"], f"{where}.tract", folder, problems)
+    if isinstance(tree.get("lumen"), str):
+        tree["lumen"] = _lumen(tree["lumen"], f"{where}.lumen", folder)
     made = _from_toml(kind, tree, where, problems)
     if not problems:
         try:
@@ -180,6 +186,13 @@ def _tract(tree: dict[str, Any], where: str, folder: Path | None, problems: list
     return None
 
 
+def _lumen(name: str, where: str, folder: Path | None) -> Lumen:
+    """The lumen of a .lumen file beside the scenario's."""
+    if Path(name).name != name or Path(name).suffix != ".lumen":
+        raise ValueError(f"{where} must be a table, or the name of a .lumen file beside it, got {name!r}")
+    return Lumen.load(_beside(name, where, folder))
+
+
 def _named(name: str, arguments: dict[str, Any]) -> Tract:
     from ..lumen.named import NAMED
 
@@ -208,6 +221,13 @@ def _from_toml(kind: Any, tree: Any, where: str, problems: list[str]) -> Any:
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if tree is None or (dataclasses.is_dataclass(kind) and isinstance(tree, typing.cast(type, kind))):
         return tree
+    if origin in (typing.Union, types.UnionType) and types.NoneType in args and len(args) == 2:
+        (kind,) = (a for a in args if a is not types.NoneType)
+        if kind is Wall:
+            return _tagged((BoxWall,), tree, where, problems)
+        if kind is Profile and not isinstance(tree, dict):
+            return tree  # a number is a profile that is constant
+        return _from_toml(kind, tree, where, problems)
     if origin in (typing.Union, types.UnionType) and any(a in KIND_OF for a in args):
         return _tagged(args, tree, where, problems)
     if dataclasses.is_dataclass(kind):
@@ -245,7 +265,11 @@ def _built(kind: type, tree: Any, where: str, problems: list[str]) -> Any:
     required = [
         n for n, f in fields.items() if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
     ]
-    if missing := [name for name in required if name not in tree]:
+    required += getattr(kind, "REQUIRED", ())
+    missing = [name for name in required if name not in tree]
+    if "lumen" in fields and not {"tract", "lumen"} & set(tree):
+        missing.insert(1 if "name" in missing else 0, "tract")
+    if missing:
         hint = '; base = "paper" takes all that is left out from there' if "tract" in fields else ""
         problems.append(f"{where} lacks the key{'s'[: len(missing) > 1]} {_listed(missing)}{hint}")
     values = {}
@@ -258,7 +282,7 @@ def _built(kind: type, tree: Any, where: str, problems: list[str]) -> Any:
             problems.append(f"{where}.{name} must be {a_kind}, got {value!r}")
             continue
         values[name] = _from_toml(wanted, value, f"{where}.{name}", problems)
-    if len(problems) > before or None in values.values():
+    if len(problems) > before or any(value is None for value in values.values()):
         return None
     try:
         return kind(**values)

@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from ..lumen.rooms import BoxWall
 from ..physics.ranges import RANGES
 from .sensing import Sensing, Variation
 from .toml import KIND_OF
@@ -17,14 +18,20 @@ if TYPE_CHECKING:
 __all__ = ["text_of"]
 
 _WIDTH = 120
+_PLAIN = (type(None), BoxWall)
 
 
-def text_of(scenario: Scenario) -> str:
+def text_of(scenario: Scenario, lumen: str | None = None) -> str:
     """The text that `Scenario.save` writes; reading it gives an equal scenario.
 
-    Sensing and variation are left out where there is none of either.
+    lumen : name of the file that holds the lumen, in place of the lumen itself
+
+    Sensing and variation are left out where there is none of either, and the tract where a lumen says it.
     """
-    return "\n".join(_table(scenario, ())).lstrip("\n") + "\n"
+    lines = list(_table(scenario, ()))
+    if lumen is not None:
+        lines.insert(1, f"lumen = {json.dumps(lumen)}")
+    return "\n".join(lines).lstrip("\n") + "\n"
 
 
 def _table(part: Any, path: tuple[str, ...]) -> Iterator[str]:
@@ -53,8 +60,11 @@ def _table(part: Any, path: tuple[str, ...]) -> Iterator[str]:
 def _entries(part: Any) -> list[tuple[str, Any]]:
     """The fields that are written: not None, lists empty by default, or sensing and variation of nothing."""
     own: list[tuple[str, Any]] = [("kind", KIND_OF[type(part)])] if type(part) in KIND_OF else []
+    tree = getattr(part, "lumen", None)
     for field in dataclasses.fields(part):
         value = getattr(part, field.name)
+        if tree is not None and (field.name == "tract" or (field.name == "lumen" and type(tree.wall) not in _PLAIN)):
+            continue
         nothing = value is None or (value == () and field.default == ())
         if not nothing and not (isinstance(value, (Sensing, Variation)) and not value):
             own.append((field.name, value))

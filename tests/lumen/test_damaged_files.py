@@ -42,9 +42,11 @@ def replaced(good, pattern, new, count=1):
 
 
 XXE = b'<!DOCTYPE a [<!ENTITY x SYSTEM "file:///etc/passwd">]>'
-LAUGHS = b'<!DOCTYPE a [<!ENTITY a "ha">' + b"".join(
-    f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">'.encode() for i in range(9)
-) + b"]>"
+LAUGHS = (
+    b'<!DOCTYPE a [<!ENTITY a "ha">'
+    + b"".join(f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">'.encode() for i in range(9))
+    + b"]>"
+)
 
 
 def xml(good, tag):
@@ -195,7 +197,9 @@ def of_nrrd(good):
         "negative sizes": replaced(good, rb"sizes: [\d ]+", b"sizes: -3 20 20"),
         "an unknown type": good.replace(b"type: uchar", b"type: block"),
         "an unknown encoding": replaced(good, rb"encoding: \w+", b"encoding: rot13"),
-        "directions that are no numbers": replaced(good, rb"space directions: \([^)]*\)", b"space directions: (nan,0,0)"),
+        "directions that are no numbers": replaced(
+            good, rb"space directions: \([^)]*\)", b"space directions: (nan,0,0)"
+        ),
         "data in another folder": good.replace(b"NRRD0004\n", b"NRRD0004\ndata file: /etc/passwd\n"),
         "a line that is no field": good.replace(b"dimension: 3", b"dimension 3"),
     }
@@ -324,7 +328,10 @@ def all_cases():
 
 
 STILL_WHOLE = {
-    ("fork.obj", "cut in its last tenth"): "open ends are capped",  # its format has no end: the missing faces are an open end
+    (
+        "fork.obj",
+        "cut in its last tenth",
+    ): "open ends are capped",  # its format has no end: the missing faces are an open end
     ("one.csv", "cut in its last tenth"): "",  # a shorter line
     ("one.csv", "a third"): "",
     ("fork.swc", "cut in its last tenth"): "",
@@ -343,7 +350,9 @@ def test_damaged_files_get_a_sentence_and_no_more(tmp_path, name, monkeypatch):
         path.write_bytes(data)
         tracemalloc.start()
         try:
-            lumen = Lumen.load(path, inlet=(0, 0, 0), radius=4e-3 if name == "path.pth" else None, cache=False, progress=False)
+            lumen = Lumen.load(
+                path, inlet=(0, 0, 0), radius=4e-3 if name == "path.pth" else None, cache=False, progress=False
+            )
         except ValueError as error:
             assert name in str(error), (what, str(error))
             assert len(str(error)) < 1000

@@ -33,7 +33,9 @@ def meshed(lumen, pitch):
 
     corner = np.stack(np.meshgrid(*(np.arange(0, n, block) for n in shape), indexing="ij"), axis=-1).reshape(-1, 3)
     far = depth(low + pitch * (corner + block / 2))
-    field = np.repeat(np.repeat(np.repeat(far.reshape(shape // block), block, 0), block, 1), block, 2).astype(np.float32)
+    field = np.repeat(np.repeat(np.repeat(far.reshape(shape // block), block, 0), block, 1), block, 2).astype(
+        np.float32
+    )
     inner = np.stack(np.meshgrid(*(np.arange(block),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     for c in corner[np.abs(far) < 1.1 * pitch * block]:
         values = depth(low + pitch * (c + inner))
@@ -138,8 +140,18 @@ def vtp(points, lines=(), faces=None, point_data=None, cell_data=None, form="asc
     body += "<CellData>" + "".join(array(n, v, "Int64") for n, v in (cell_data or {}).items()) + "</CellData>"
     body += f"<Points>{array('Points', points, 'Float64', 3)}</Points>"
     joined = np.concatenate([np.asarray(x) for x in lines]) if len(lines) else np.zeros(0)
-    body += "<Lines>" + array("connectivity", joined, "Int64") + array("offsets", np.cumsum([len(x) for x in lines]), "Int64") + "</Lines>"
-    body += "<Polys>" + array("connectivity", faces.ravel(), "Int64") + array("offsets", 3 * np.arange(1, len(faces) + 1), "Int64") + "</Polys>"
+    body += (
+        "<Lines>"
+        + array("connectivity", joined, "Int64")
+        + array("offsets", np.cumsum([len(x) for x in lines]), "Int64")
+        + "</Lines>"
+    )
+    body += (
+        "<Polys>"
+        + array("connectivity", faces.ravel(), "Int64")
+        + array("offsets", 3 * np.arange(1, len(faces) + 1), "Int64")
+        + "</Polys>"
+    )
     more = ' compressor="vtkZLibDataCompressor"' if packed else ""
     text = f'<?xml version="1.0"?>\n<VTKFile type="PolyData" version="0.1" byte_order="LittleEndian"{more}><PolyData>{body}</Piece></PolyData>'
     if form == "appended":
@@ -210,7 +222,10 @@ def fork_lines(spacing=1.0):
 
 
 def csv(points, radii):
-    rows = ["x [mm],y [mm],z [mm],radius [mm]", *(f"{x:.6f},{y:.6f},{z:.6f},{r:.6f}" for (x, y, z), r in zip(points, radii, strict=True))]
+    rows = [
+        "x [mm],y [mm],z [mm],radius [mm]",
+        *(f"{x:.6f},{y:.6f},{z:.6f},{r:.6f}" for (x, y, z), r in zip(points, radii, strict=True)),
+    ]
     return ("\n".join(rows) + "\n").encode()
 
 
@@ -254,7 +269,12 @@ def vmtk_split():
                 ids[key].append(value)
     order = [3, 0, 5, 1, 2, 4]
     data = {"MaximumInscribedSphereRadius": np.concatenate(radii)}
-    return vtp(np.concatenate(points), [cells[i] for i in order], point_data=data, cell_data={k: np.array(v)[order] for k, v in ids.items()})
+    return vtp(
+        np.concatenate(points),
+        [cells[i] for i in order],
+        point_data=data,
+        cell_data={k: np.array(v)[order] for k, v in ids.items()},
+    )
 
 
 def swc():
@@ -285,10 +305,13 @@ def json_graph():
 
 
 def simvascular_path(points, name="a"):
-    rows = "".join(f'<path_point id="{i}"><pos x="{p[0]:.6f}" y="{p[1]:.6f}" z="{p[2]:.6f}"/></path_point>' for i, p in enumerate(points))
+    rows = "".join(
+        f'<path_point id="{i}"><pos x="{p[0]:.6f}" y="{p[1]:.6f}" z="{p[2]:.6f}"/></path_point>'
+        for i, p in enumerate(points)
+    )
     return (
         f'<?xml version="1.0" encoding="UTF-8" ?>\n<format version="1.0" />\n<path id="1" name="{name}">'
-        f"<timestep id=\"0\"><path_element><path_points>{rows}</path_points></path_element></timestep></path>"
+        f'<timestep id="0"><path_element><path_points>{rows}</path_points></path_element></timestep></path>'
     ).encode()
 
 
@@ -361,7 +384,10 @@ def sampled(affine, inlet=0.0):
 def trees():
     """Name and bytes of every format of lines; radii and units as each has them."""
     lines = fork_lines()
-    whole = np.concatenate([lines["trunk"][0], lines["left"][0][1:]]), np.concatenate([lines["trunk"][1], lines["left"][1][1:]])
+    whole = (
+        np.concatenate([lines["trunk"][0], lines["left"][0][1:]]),
+        np.concatenate([lines["trunk"][1], lines["left"][1][1:]]),
+    )
     return {
         "one.csv": csv(*whole), "fork.mrk.json": markups(lines), "whole.vtp": vmtk_whole(), "packed.vtp": vmtk_whole("binary", True),
         "split.vtp": vmtk_split(), "fork.swc": swc(), "graph.json": json_graph(),
