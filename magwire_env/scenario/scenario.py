@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..lumen.curve import Tract
-from ..physics.checks import one_of, positive
+from ..physics.checks import non_negative, one_of, positive
 from ..physics.guidewire import Guidewire
 from ..physics.magnets import BlockMagnet, CylinderMagnet, PointDipole
 from ..physics.ranges import counted, ranged, ranged_vector
@@ -213,6 +213,48 @@ class Scenario:
                 raise ValueError(f"Scenario.replace got an unknown field {part}__{min(unknown)}")
             flat[part] = dataclasses.replace(flat.get(part, getattr(self, part)), **inner_changes)
         return dataclasses.replace(self, **flat)
+
+    def randomised(
+        self,
+        friction: tuple[float, float] | None = None,
+        bending_rigidity: tuple[float, float] | None = None,
+        remanence: tuple[float, float] | None = None,
+        placement: float | None = None,
+    ) -> Scenario:
+        """A copy for domain randomisation: every range's middle becomes its value, its half-width its `Variation`.
+
+        friction : lowest and highest coefficient
+        bending_rigidity : lowest and highest E I, N·m²; the axial modulus varies by the same share
+        remanence : lowest and highest strength of the magnets, as factors on this scenario's
+        placement : half-width of each coordinate of each magnet's position, m
+
+        What is not given stays as it is. `magwire_env.identification` gives such ranges from logs. Raises `ValueError`
+        for a range that is empty or not positive.
+
+        >>> Scenario.paper().randomised(friction=(0.03, 0.05)).variation.friction
+        0.25
+        """
+        given = {"friction": friction, "bending_rigidity": bending_rigidity, "remanence": remanence}
+        middle: dict[str, float] = {}
+        share: dict[str, float] = {}
+        for name, ends in given.items():
+            if ends is not None:
+                low, high = (non_negative(f"{name}[{i}]", end) for i, end in enumerate(ends))
+                if low > high or not high > 0.0:
+                    raise ValueError(f"{name} must be (low, high) with 0 ≤ low ≤ high and high > 0, got {ends}")
+                middle[name] = 0.5 * (low + high)
+                share[name] = 0.5 * (high - low) / middle[name]
+        drawn = {"friction": "friction", "bending_rigidity": "stiffness", "remanence": "remanence"}
+        changes: dict[str, Any] = {f"variation__{drawn[name]}": value for name, value in share.items()}
+        if "friction" in middle:
+            changes["contact__friction"] = middle["friction"]
+        if "bending_rigidity" in middle:
+            changes["wire__bending_modulus"] = middle["bending_rigidity"] / self.wire.second_moment
+        if placement is not None:
+            changes["variation__placement"] = placement
+        if "remanence" in middle:
+            changes["rig"] = self.rig.stronger(middle["remanence"])
+        return self.replace(**changes)
 
     def save(self, path: str | Path) -> None:
         """Write the scenario as TOML; a tract is stored by its points, so the file stands alone."""
