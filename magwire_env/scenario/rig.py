@@ -13,7 +13,7 @@ import numpy as np
 from ..physics.checks import one_of
 from ..physics.dipoles import field_gradient
 from ..physics.fitted_cloud import SIZES
-from ..physics.magnets import RULES, BlockMagnet, Magnet
+from ..physics.magnets import RULES, BlockMagnet, Magnet, PointDipole
 from ..physics.ranges import ranged, ranged_vector
 from .base import Feed, Twist
 
@@ -234,6 +234,16 @@ class Rig:
                 found.append(f"angle of {which} about {dof.axis}" if turns else f"place of {which} along {dof.axis}")
         found += [f"current of coil {c} along {coil.axis}" for c, coil in enumerate(self.coils)]
         return (*found, *("wire inserted" if isinstance(d, Feed) else "turn of the wire's base" for d in self.base))
+
+    def stronger(self, factor: float) -> Rig:
+        """The rig with the strength of every magnet and coil times `factor`."""
+        magnets = []
+        for mount in self.magnets:
+            name = "strength" if isinstance(mount.magnet, PointDipole) else "remanence"
+            body: Any = dataclasses.replace(mount.magnet, **{name: factor * getattr(mount.magnet, name)})
+            magnets.append(dataclasses.replace(mount, magnet=body))
+        coils = [dataclasses.replace(c, uniform=factor * c.uniform, gradient=factor * c.gradient) for c in self.coils]
+        return dataclasses.replace(self, magnets=tuple(magnets), coils=tuple(coils))
 
     @property
     def dofs(self) -> tuple[Turn | Slide | Current | Feed | Twist, ...]:

@@ -18,7 +18,7 @@ from ..physics.checks import one_of, positive
 from ..physics.guidewire import Guidewire
 from ..physics.magnets import BlockMagnet, CylinderMagnet
 from ..physics.ranges import counted, ranged, ranged_vector
-from . import plausible, steps, toml
+from . import plausible, randomised, steps, toml
 from .base import Feed, Twist
 from .rig import ActuatedMagnet, Coil, Current, Rig, Slide, Turn, cheapest_rule
 from .sensing import Reading, Sensing, Variation
@@ -295,6 +295,29 @@ class Scenario:
                 raise ValueError(f"Scenario.replace got an unknown field {part}__{min(unknown)}")
             flat[part] = dataclasses.replace(flat.get(part, getattr(self, part)), **inner_changes)
         return dataclasses.replace(self, **flat)
+
+    def randomised(
+        self,
+        friction: tuple[float, float] | None = None,
+        bending_rigidity: tuple[float, float] | None = None,
+        remanence: tuple[float, float] | None = None,
+        placement: float | None = None,
+    ) -> Scenario:
+        """A copy for domain randomisation: every range's middle becomes its value, its half-width its `Variation`.
+
+        friction : lowest and highest coefficient
+        bending_rigidity : lowest and highest E I, N·m²; the axial modulus varies by the same share
+        remanence : lowest and highest strength of the magnets, as factors on this scenario's
+        placement : half-width of each coordinate of each magnet's position, m
+
+        What is not given stays as it is. `magwire_env.identification` gives such ranges from logs. Raises `ValueError`
+        for a range that is empty or not positive.
+
+        >>> Scenario.paper().randomised(friction=(0.03, 0.05)).variation.friction
+        0.25
+        """
+        ends = {"friction": friction, "bending_rigidity": bending_rigidity, "remanence": remanence}
+        return self.replace(**randomised.changes(self, ends, placement))
 
     def save(self, path: str | Path) -> None:
         """Write the scenario as TOML, for people too; a lumen is stored by its points, so the file stands alone.

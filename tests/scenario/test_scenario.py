@@ -341,3 +341,16 @@ def test_nothing_can_be_changed_in_place():
     tract = Tract.from_points(points)
     points[0] = 9.0
     assert tract == straight()
+
+
+def test_ranges_become_a_scenario_for_domain_randomisation():
+    low, high = 0.8 * PAPER.wire.bending_rigidity, 1.2 * PAPER.wire.bending_rigidity
+    drawn = PAPER.randomised(friction=(0.02, 0.06), bending_rigidity=(low, high), remanence=(0.9, 1.1), placement=1e-3)
+    assert drawn.contact.friction == pytest.approx(0.04)
+    assert drawn.variation.friction == pytest.approx(0.5)
+    assert drawn.variation.stiffness == pytest.approx(0.2)
+    assert drawn.variation.remanence == pytest.approx(0.1)
+    assert drawn.variation.placement == 1e-3
+    assert drawn.wire.bending_rigidity == pytest.approx(PAPER.wire.bending_rigidity)
+    with pytest.raises(ValueError, match="friction must be"):
+        PAPER.randomised(friction=(0.06, 0.02))
