@@ -214,8 +214,8 @@ class Scenario:
             if distance < clear:
                 raise ValueError(
                     f"Scenario.rig.magnets[{i}].position must keep the magnet's centre at least {clear:.4g} m from the "
-                    f"centreline, or the turning magnet enters the tract, got {distance:.4g} m from {mount.position} m; "
-                    f"magwire_env.quasistatic.best_placement finds a place"
+                    f"centreline, or the turning magnet enters the tract, got {distance:.4g} m from {mount.position} "
+                    f"m; magwire_env.quasistatic.best_placement finds a place"
                 )
 
     @property
