@@ -23,7 +23,7 @@ shell: $(VENV)/train.stamp
 	@. $(VENV)/bin/activate && exec "$${SHELL:-/bin/sh}"
 
 docs: $(VENV)/docs.stamp
-	$(PY) -m mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict --quiet
 	@echo "open site/index.html"
 
 test: $(VENV)/test.stamp

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from .controllers import Controller
 from .env_kwargs import OWN
 
 __all__ = ["Function", "own_policy"]
@@ -83,8 +84,10 @@ def own_policy(name: str) -> Any:
         raise ValueError(f"policy must be an importable module:thing, got {name!r}: {error}") from error
     if unknown := sorted(set(getattr(thing, "env_kwargs", {})) - set(OWN)):
         raise ValueError(f"env_kwargs of the policy {name!r} must be of {', '.join(OWN)}, got {unknown[0]!r}")
-    if callable(getattr(thing, "from_env", None)):
+    if isinstance(thing, type) and issubclass(thing, Controller):
         return thing
+    if callable(getattr(thing, "from_env", None)):
+        return _Own(attribute, thing.from_env, thing)
     if isinstance(thing, type):
         thing = _made(thing, name)
     if _is_network(thing):
@@ -96,7 +99,7 @@ def own_policy(name: str) -> Any:
                 f"observations, got {name!r}, which is {type(thing).__name__}"
             )
         thing = Function(thing, attribute)
-    return _Ready(attribute, thing)
+    return _Own(attribute, lambda _: thing, thing)
 
 
 def _made(kind: type, name: str) -> Any:
@@ -120,15 +123,41 @@ def _made(kind: type, name: str) -> Any:
     return kind()
 
 
-class _Ready:
-    """A policy that is the same for every env, behind the same door as the controllers."""
+class _Own:
+    """A policy from outside, behind the same door as the controllers."""
 
-    def __init__(self, name: str, policy: Any) -> None:
-        self.__name__, self._policy = name, policy
-        self.env_kwargs = dict(getattr(policy, "env_kwargs", {}))
+    def __init__(self, name: str, make: Callable[[Any], Any], thing: Any) -> None:
+        self.__name__, self._make = name, make
+        self.env_kwargs = dict(getattr(thing, "env_kwargs", {}))
+        self.plans_online, self.sees_nothing = (
+            bool(getattr(thing, mark, False)) for mark in ("plans_online", "sees_nothing")
+        )
 
     def from_env(self, env: Any) -> Any:
-        return self._policy
+        return _Batched(self._make(env), self.__name__)
+
+
+class _Batched:
+    """A policy that is always asked about rows of observations, of a single env too."""
+
+    def __init__(self, policy: Any, name: str) -> None:
+        if not callable(getattr(policy, "predict", None)):
+            raise ValueError(f"from_env of {name} must give something with predict(observation, …), got {policy!r:.80}")
+        self._policy, self.name = policy, name
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self._policy, name)
+
+    def predict(
+        self, observation: np.ndarray, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """As `Function.predict`."""
+        batch = np.atleast_2d(observation)
+        starts = np.zeros(len(batch), dtype=np.bool_) if episode_start is None else np.atleast_1d(episode_start)
+        action, state = self._policy.predict(batch, state=state, episode_start=starts, deterministic=deterministic)
+        return (action if np.ndim(observation) == 2 else np.asarray(action)[0]), state
 
 
 def _module(place: str) -> Any:

@@ -18,8 +18,14 @@ AGAIN = 10.0
 """s between lines; in a terminal one line is written over every second."""
 
 
+_open: list[Progress] = []
+"""Pieces of work that are entered, each a part of the one before it."""
+
+
 class Progress:
     """Says how far a piece of work is, as long as it is entered; a thread speaks, so that a long step is no silence.
+
+    Of nested pieces, only the innermost speaks.
 
     what : the work, for people
     total : how many there are of what `done` counts; 0 if nobody knows
@@ -42,6 +48,7 @@ class Progress:
 
     def __enter__(self) -> Progress:
         stream = self._stream or sys.stderr
+        _open.append(self)
         if stream is not None and os.environ.get("MAGWIRE_PROGRESS", "1") != "0":
             self._started = time.monotonic()
             self._thread = threading.Thread(target=self._speak, args=(stream,), name="says how far it is", daemon=True)
@@ -51,6 +58,7 @@ class Progress:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        _open.remove(self)
         self._ended.set()
         if self._thread is not None:
             self._thread.join()
@@ -72,6 +80,8 @@ class Progress:
         terminal = stream.isatty()
         pause = FIRST
         while not self._ended.wait(pause):
+            if _open[-1:] != [self]:  # a part of this work speaks for it
+                continue
             text = self.line()
             try:
                 if terminal:

@@ -10,8 +10,8 @@ from .plan import Cell, Plan
 __all__ = ["SECONDS", "estimate"]
 
 SECONDS = {"train": 99.0, "par": 600.0, "evaluate": 10.3, "robustness": 20.8, "decide": 0.8}
-"""Seconds of one core that a cell of each kind takes on the average: docs/benchmark.md, but for the par, whose plans were
-kept there already. An arena's par takes 3 s an episode from an empty cache, more on generated tasks."""
+"""Seconds of one core that a cell of each kind takes on the average, as docs/benchmark.md has them; but for the par,
+whose plans had been kept there: its number is of an empty cache."""
 
 
 def estimate(plan: Plan, missing: Sequence[Cell], out: Path, workers: int) -> str:

@@ -18,7 +18,7 @@ __all__ = ["DIGEST", "draw", "heat_map_name"]
 DIGEST = "Source"
 """Name of the PNG text with the SHA-256 of the JSON that a plot was drawn from."""
 
-# Classical controllers solid, learners dashed, floors dotted.
+# Classical controllers solid, learners dashed, floors dotted. No two share a colour.
 _STYLES: dict[str, tuple[str, str]] = {
     "Optimal": (BLACK, "-"),
     "MaxForce": (BLUE, "-"),
@@ -26,10 +26,10 @@ _STYLES: dict[str, tuple[str, str]] = {
     "MPPI": (RED, "-"),
     "PD": (PURPLE, "-"),
     "ExtremumSeeking": (ORANGE, "-"),
-    "ppo": (RED, "--"),
-    "sac": (BLUE, "--"),
-    "tqc": (GREEN, "--"),
-    "crossq": (PURPLE, "--"),
+    "ppo": ("#882255", "--"),
+    "sac": ("#332288", "--"),
+    "tqc": ("#999933", "--"),
+    "crossq": ("#DDAA33", "--"),
     "stacked_ppo": (BROWN, "--"),
     "ConstantRotation": (GREY, ":"),
     "Random": (SKY, ":"),
@@ -60,9 +60,15 @@ def heat_map_name(entry: dict[str, Any]) -> str:
     return f"robustness_{entry['arena']}_{entry['policy']}.png".replace(" ", "_")
 
 
+_OTHERS = ("#661100", "#44AA99", "#AA4499", "#117733", "#6699CC")
+"""Colours of policies that are not listed, in the order in which they are first drawn."""
+
+_seen: dict[str, tuple[str, str]] = {}
+
+
 def _style(name: str) -> tuple[str, str]:
     """Colour and line of a policy; one that is not listed has a style of its own."""
-    return _STYLES.get(name, (BROWN, "-."))
+    return _STYLES.get(name) or _seen.setdefault(name, (_OTHERS[len(_seen) % len(_OTHERS)], "-."))
 
 
 def _grid(count: int, height: float) -> tuple[Any, list[Any]]:
@@ -179,7 +185,7 @@ def _curves(pair: Any, entries: list[dict[str, Any]], first: bool) -> None:
             panel.plot(steps, mean, line, marker=".", ms=4, color=colour, label=entry["algorithm"])
             panel.fill_between(steps, low, high, color=colour, alpha=0.15, linewidth=0)
     for panel in pair:
-        panel.set_xlim(left=0)
+        panel.set_xscale("log")  # learners differ by a hundred in the steps they take
     pair[0].set(title=entries[0]["arena"], ylim=(-3, 103), ylabel="success [%]" if first else "")
     name = "reward" if tracking else "median time [s]" if first else ""
     pair[1].set(xlabel="steps [millions]", ylabel=name)

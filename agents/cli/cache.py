@@ -21,7 +21,7 @@ def cache(options: Cache) -> None:
     """Print a line for each store, and delete its files if asked to."""
     from magwire_env.validation.report import format_table
 
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for what, folder, files in _stores():
         size = sum(file.stat().st_size for file in files)
         rows.append((what, str(len(files)), f"{size / 1e6:.1f} MB", str(folder)))
@@ -32,7 +32,7 @@ def cache(options: Cache) -> None:
     print(
         "cleared"
         if options.clear
-        else "MAGWIRE_CACHE moves the plans, NUMBA_CACHE_DIR the kernels; --clear deletes both"
+        else "MAGWIRE_CACHE moves the plans, NUMBA_CACHE_DIR the kernels; --clear deletes all"
     )
 
 

@@ -136,7 +136,7 @@ def evaluate(options: Evaluate) -> None:
     par = next((row for row in rows if row.policy in _rivals(options)), None)
     if options.out is not None:
         options.out.write_text(json.dumps({r.policy: r.to_json(par) for r in rows}, indent=2), encoding="utf-8")
-    print(table(rows, par=par))
+    print(table(rows, par=par, markdown=False))
 
 
 def _rivals(options: Evaluate | Robustness) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from agents.evaluation.episodes import EVALUATION_SEED, built, episodes
 from magwire_env.plotting import BLACK, BLUE, GREEN, ORANGE, RED, SKY, blank, broken, styled
 from magwire_env.render.dofs import dofs_of
 from magwire_env.render.extra import need
-from magwire_env.render.paint import DRIVE, NORTH, SOUTH, TARGET, load_colour
+from magwire_env.render.paint import DRIVE, INK, NORTH, PAPER, SOUTH, TARGET, load_colour
 from magwire_env.render.panels import drive_name, map_limit, map_name, map_of
 from magwire_env.render.snapshot import Snapshot, snapshots
 
@@ -41,6 +41,15 @@ class Trace:
     moments: tuple[Snapshot, ...]
     success: bool
     seconds: float
+    error: float | None = None
+    """m, RMS error of a tracking task, whose goals are a reference; None elsewhere."""
+
+    @property
+    def verdict(self) -> str:
+        """How it went, for a legend."""
+        if self.error is not None:
+            return f"RMS error {1e3 * self.error:.1f} mm"
+        return f"goal in {self.seconds:.2f} s" if self.success else "not reached"
 
     def of(self, field: str) -> np.ndarray:
         """A field of all snapshots, (steps + 1, …)."""
@@ -57,7 +66,9 @@ def trace(policy: Any, name: str, task: str, seed: int = EVALUATION_SEED, **sett
         moments.append(snapshots(core)[0])
         info = step.info
     env.close()
-    return Trace(name, tuple(moments), bool(info["is_success"]), float(info["summary"]["time"]))
+    summary = info["summary"]
+    error = summary.get("rms_error")
+    return Trace(name, tuple(moments), bool(info["is_success"]), float(summary["time"]), error)
 
 
 def film(policy: Any, path: Path, task: str, seed: int = EVALUATION_SEED, speed: float = 1.0, **settings: Any) -> None:
@@ -75,6 +86,8 @@ def film(policy: Any, path: Path, task: str, seed: int = EVALUATION_SEED, speed:
     frames = [np.asarray(env.render())]
     for _ in episodes(env, built(policy, env), observation):
         frames.append(np.asarray(env.render()))
+    if speed != 1:
+        frames = [_stamped(frame, f"{speed:g} × speed") for frame in frames]
     fps = speed * env.metadata["render_fps"]
     env.close()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -86,6 +99,18 @@ def film(policy: Any, path: Path, task: str, seed: int = EVALUATION_SEED, speed:
     with imageio.get_writer(path, fps=fps, codec="libx264", quality=8) as writer:
         for frame in frames:
             writer.append_data(frame)
+
+
+def _stamped(frame: np.ndarray, text: str) -> np.ndarray:
+    """A frame with a text in its lower right corner."""
+    image, draw = need("PIL.Image", "a film that says its speed"), need("PIL.ImageDraw", "a film that says its speed")
+    picture = image.fromarray(frame)
+    pen = draw.Draw(picture)
+    _, top, right, bottom = pen.textbbox((0, 0), text, font_size=15)
+    corner = picture.width - right - 12, picture.height - bottom - 10
+    pen.rectangle([corner[0] - 6, corner[1] + top - 4, picture.width - 6, picture.height - 6], fill=PAPER)
+    pen.text(corner, text, fill=INK, font_size=15)
+    return np.asarray(picture)
 
 
 def _write_gif(path: Path, frames: list[np.ndarray], fps: float) -> None:
@@ -140,11 +165,13 @@ def _arclength_plot(traces: list[Trace], task: str, path: Path) -> Path:
         figure, (place, force, wall) = blank(3, 1, size=(7, 6.6), sharex=True, height_ratios=(2, 1, 1))
         for one, (line, colour) in zip(traces, _STYLES, strict=False):
             time = one.of("time")
-            label = f"{one.name}, goal in {one.seconds:.2f} s" if one.success else f"{one.name}, not reached"
-            place.plot(time, 1e3 * one.of("tip_arclength"), line, color=colour, label=label)
+            place.plot(time, 1e3 * one.of("tip_arclength"), line, color=colour, label=f"{one.name}, {one.verdict}")
             force.plot(time, 1e3 * one.of("drive_force"), line, color=colour)
             wall.plot(time, 1e3 * one.of("wall_force"), line, color=colour)
-        place.axhline(1e3 * traces[0].moments[0].goal, color=_TARGET, lw=1, label="target")
+        if traces[0].error is None:
+            place.axhline(1e3 * traces[0].moments[0].goal, color=_TARGET, lw=1, label="target")
+        else:
+            place.plot(traces[0].of("time"), 1e3 * traces[0].of("goal"), color=_TARGET, lw=1, label="reference")
         place.set(ylabel="tip arc length [mm]", title=f"{task}, one episode from the same start")
         force.axhline(0, color="0.6", lw=0.8)
         force.set(ylabel=f"{drive_name(scenario)}\nforce [mN]")
@@ -176,7 +203,8 @@ def _path_plot(traces: list[Trace], data: tuple[Any, ...], task: str, path: Path
             command = dof.wrapped(one.of("magnet")[:, 0])
             command = broken(command, np.pi) if dof.turn else command  # two pieces where the angle wraps around
             axes.plot(1e3 * one.of("tip_arclength"), factor * command, line, color=colour, lw=1.6, label=one.name)
-        axes.axvline(1e3 * traces[0].moments[0].goal, color=_TARGET, lw=2, label="target")
+        if traces[0].error is None:
+            axes.axvline(1e3 * traces[0].moments[0].goal, color=_TARGET, lw=2, label="target")
         axes.set(
             xlabel="tip arc length [mm]",
             ylabel=map_name(dof),

@@ -41,7 +41,7 @@ def train(config: Config) -> dict[str, Any]:
     # 3. Write the results and print them.
     results = {row.policy: row.to_json() for row in rows}
     run.write("results.json", results)
-    print(table(rows))
+    print(table(rows, markdown=False))
 
     # 4. Draw what the best model does: plots, and a video if the extra for videos is installed.
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
+from textwrap import fill
 from typing import Any
 
 import gymnasium as gym
@@ -14,6 +15,7 @@ from magwire_env.envs.core import SteeringCore
 from magwire_env.envs.task import TASKS, known_task
 from magwire_env.progress import Progress
 from magwire_env.quasistatic.pool import scenario_pool
+from magwire_env.validation.report import format_table
 
 from .episodes import EVALUATION_SEED, built
 from .episodes import episodes as played
@@ -203,40 +205,72 @@ def make_batch(task: str, episodes: int, env_settings: dict[str, Any]) -> gym.ve
     return gym.make_vec(task, num_envs=episodes, autoreset_mode="NextStep", **settings)
 
 
-def table(rows: list[Episodes], reference: str = "MaxForce", par: Episodes | None = None) -> str:
-    """A Markdown table, one line a policy; a tracking task has errors in place of times.
+def table(rows: list[Episodes], reference: str = "MaxForce", par: Episodes | None = None, markdown: bool = True) -> str:
+    """A table, one line a policy; a tracking task has errors in place of times.
 
     reference : policy that times are compared with, on the episodes that both finished
     par : adds a column with the score against it
+    markdown : as Markdown; otherwise for a terminal of 120 columns, with short headings and what they mean below
     """
     tracking = any(row.tracking for row in rows)
-    head = ["policy", "success"]
-    head += ["median RMS error [mm]"] if tracking else ["median time to goal [s] (95 %)", f"time / {reference}"]
-    head += [] if par is None else ["score (95 %)"]
-    head += [] if tracking else ["path covered"]
-    head += ["peak lateral force [mN]", "peak wall force [mN]", "mean wall force [mN]", "cost [mN·steps]"]
-    head += ["magnet travel"]
-    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     against = next((r for r in rows if r.policy == reference), None)
+    columns = _columns(tracking, reference, against, par)
+    lines = [tuple(column.cell(row) for column in columns) for row in rows]
+    if markdown:
+        head = [column.head for column in columns]
+        parts = [head, ["---"] * len(head), *lines]
+        return "\n".join(["| " + " | ".join(cells) + " |" for cells in parts] + _untrusted(rows))
+    text = format_table(tuple(column.short for column in columns), lines)
+    meaning = "; ".join(f"{c.short}: {c.head}" for c in columns if c.short != c.head)
+    return "\n".join([f"{text}\n\n{fill(meaning, 118)}", *_untrusted(rows)])
+
+
+def _untrusted(rows: list[Episodes]) -> list[str]:
+    """Lines on the policies some of whose episodes have steps that are not to be trusted."""
+    lines = []
     for row in rows:
-        cells = [row.policy, f"{row.success.mean():.1%}"]
-        if tracking:
-            cells.append(f"{1e3 * np.median(row.rms_error):.2f}")
-        else:
-            cells += [_between(*row.median_time(), digits=2), _ratio(row, against)]
-        if par is not None:
-            cells.append(_between(*row.mean_score(par), digits=3))
-        cells += [] if tracking else [f"{row.path_ratio.mean():.1%}"]
-        forces = (row.peak_lateral_force.max(), np.median(row.peak_wall_force), row.mean_wall_force.mean())
-        cells += [f"{1e3 * force:.1f}" for force in forces]
-        cells += [f"{1e3 * row.cost.mean():.1f}", f"{np.median(row.magnet_travel):.2f}"]
-        lines.append("| " + " | ".join(cells) + " |")
-    for row in rows:
-        untrusted = int((row.unconverged > 0).sum())
-        if untrusted:
-            said = f"{row.policy}: {untrusted} of {len(row.success)} episodes have steps not to be trusted, in which "
+        if count := int((row.unconverged > 0).sum()):
+            said = f"{row.policy}: {count} of {len(row.success)} episodes have steps not to be trusted, in which "
             lines += ["", said + "friction did not converge, nodes passed each other, or the step was too long."]
-    return "\n".join(lines)
+    return lines
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column of the table: its heading, the same for a terminal, and what stands in a policy's line."""
+
+    head: str
+    short: str
+    cell: Callable[[Episodes], str]
+
+
+def _columns(tracking: bool, reference: str, against: Episodes | None, par: Episodes | None) -> list[_Column]:
+    def mn(of: Callable[[Episodes], float]) -> Callable[[Episodes], str]:
+        return lambda row: f"{1e3 * of(row):.1f}"
+
+    columns = [
+        _Column("policy", "policy", lambda row: row.policy),
+        _Column("success", "success", lambda row: f"{row.success.mean():.1%}"),
+    ]
+    if tracking:
+        error = "median RMS error [mm]"
+        columns.append(_Column(error, "error [mm]", lambda row: f"{1e3 * np.median(row.rms_error):.2f}"))
+    else:
+        time = "median time to goal [s] (95 %)"
+        columns.append(_Column(time, "time [s]", lambda row: _between(*row.median_time(), digits=2)))
+        columns.append(_Column(f"time / {reference}", "ratio", lambda row: _ratio(row, against)))
+    if par is not None:
+        columns.append(_Column("score (95 %)", "score", lambda row: _between(*row.mean_score(par), digits=3)))
+    if not tracking:
+        columns.append(_Column("path covered", "path", lambda row: f"{row.path_ratio.mean():.1%}"))
+    return [
+        *columns,
+        _Column("peak lateral force [mN]", "side", mn(lambda row: row.peak_lateral_force.max())),
+        _Column("peak wall force [mN]", "wall", mn(lambda row: float(np.median(row.peak_wall_force)))),
+        _Column("mean wall force [mN]", "mean", mn(lambda row: row.mean_wall_force.mean())),
+        _Column("cost [mN·steps]", "cost", mn(lambda row: row.cost.mean())),
+        _Column("magnet travel", "travel", lambda row: f"{np.median(row.magnet_travel):.2f}"),
+    ]
 
 
 def paired_ratio(row: Episodes, against: Episodes) -> float:

@@ -31,7 +31,7 @@ def _other_spaces(policy: Any, env: Any) -> str:
     ):
         if theirs is not None and ours is not None and getattr(theirs, "shape", None) != ours.shape:
             return (
-                f"the policy {type(policy).__name__} {what} of shape {getattr(theirs, 'shape', theirs)}, but those of "
+                f"the policy {_name(policy)} {what} of shape {getattr(theirs, 'shape', theirs)}, but those of "
                 f"{shown(env)} have shape {ours.shape}"
             )
     return ""
@@ -42,9 +42,13 @@ def check_action(policy: Any, env: Any, observation: Any, action: Any) -> None:
     space = getattr(env, "action_space", None)
     if space is not None and np.shape(action) != space.shape:
         raise ValueError(
-            f"the policy {type(policy).__name__} must answer observations of shape {np.shape(observation)} of "
+            f"the policy {_name(policy)} must answer observations of shape {np.shape(observation)} of "
             f"{shown(env)} with actions of shape {space.shape}, got {np.shape(action)}"
         )
+
+
+def _name(policy: Any) -> str:
+    return getattr(policy, "name", type(policy).__name__)
 
 
 def _single(env: Any) -> tuple[Any, Any]:

@@ -158,12 +158,12 @@ def heat_map(
         figure, panels = blank(1, 2, size=(9.6, 0.46 * len(kinds) + 1.5), sharey=True)
         for axes, quantity, heading in zip(panels, ("success", "score"), ("success", label), strict=True):
             image = _panel(axes, rows, kinds, quantity)
+            figure.colorbar(image, ax=axes, shrink=0.85, pad=0.01)
             axes.set(title=heading, xticks=[], yticks=range(len(kinds)), yticklabels=kinds)
             axes.grid(visible=False)
             axes.tick_params(length=0)
             for spine in axes.spines.values():
                 spine.set_visible(False)
-        figure.colorbar(image, ax=list(panels), shrink=0.85, pad=0.01)
         figure.suptitle("\n".join(textwrap.wrap(title, 110)), fontsize=10)
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, metadata=metadata)
@@ -173,6 +173,8 @@ def heat_map(
 def _panel(axes: Any, rows: Sequence[dict[str, Any]], kinds: Sequence[str], quantity: str) -> Any:
     """Draw one quantity: in each cell its level and its number, or a dash where there is no number."""
     width = max(sum(row["kind"] == kind for row in rows) for kind in kinds)
+    known = [row[quantity] for row in rows if row[quantity] is not None and row[quantity] == row[quantity]]
+    low, high = min([*known, 0.95]), max([*known, 1.0])  # the colours are spread over the numbers there are
     values = np.full((len(kinds), width), np.nan)
     for y, kind in enumerate(kinds):
         for x, row in enumerate(row for row in rows if row["kind"] == kind):
@@ -180,6 +182,6 @@ def _panel(axes: Any, rows: Sequence[dict[str, Any]], kinds: Sequence[str], quan
             values[y, x] = value
             number = "–" if np.isnan(value) else f"{value:.0%}" if quantity == "success" else f"{value:.2f}"
             text = f"{row['level']}\n{number}" if row["level"] else number
-            colour = "white" if value < 0.6 else "black"
+            colour = "white" if (value - low) / (high - low) < 0.6 else "black"
             axes.text(x, y, text, ha="center", va="center", fontsize=7.5, color=colour)
-    return axes.imshow(values, vmin=0.0, vmax=1.0, cmap="viridis", aspect="auto")
+    return axes.imshow(values, vmin=low, vmax=high, cmap="viridis", aspect="auto")

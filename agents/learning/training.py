@@ -20,6 +20,8 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.type_aliases import RolloutReturn
 from stable_baselines3.common.vec_env import VecEnv
 
+from magwire_env.envs.task import TASKS
+
 from ..evaluation.episodes import EVALUATION_SEED
 from ..evaluation.evaluator import evaluate
 from ..notes import note
@@ -239,8 +241,10 @@ def learning_curve(run: Run, folder: Path | None = None) -> None:
         top.plot(steps, [100 * r["success_rate"] for r in rows], "o-", color=BLUE)
         title = f"{run.task}, {run.algorithm.upper()}, seed {run.config['seed']}"
         top.set(ylabel="success [%]", ylim=(-5, 105), title=title)
-        bottom.plot(steps, [r["median_time_s"] for r in rows], "o-", color=RED)
-        bottom.set(ylabel="median time to goal [s]", xlabel="environment steps [millions]")
+        tracking = TASKS[run.task].kind.follows if run.task in TASKS else False
+        key, name = ("mean_reward", "mean reward") if tracking else ("median_time_s", "median time to goal [s]")
+        bottom.plot(steps, [r[key] for r in rows], "o-", color=RED)
+        bottom.set(ylabel=name, xlabel="environment steps [millions]")
         figure.savefig((folder or run.folder) / "learning_curve.png")
 
 

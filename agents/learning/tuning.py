@@ -1,8 +1,8 @@
 """Hyperparameters by search: Optuna's tree-structured Parzen estimator over short trainings with fixed seeds.
 
-``magwire tune --task MagWire/Steer-v0 --algorithm ppo`` writes the study to ``runs/studies/``. Its result is then copied
-by hand into the algorithm's YAML. The first trial has the YAML's own values, so a study also says whether the search beat
-them.
+``magwire tune --task MagWire/Steer-v0 --algorithm ppo`` writes the study to ``runs/studies/``. Its result is then
+copied by hand into the algorithm's YAML. The first trial has the YAML's own values, so a study also says whether the
+search beat them.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from .training import Run, curve_of, learn, read_curve
 __all__ = ["SPACES", "STUDIES", "tune"]
 
 STUDIES = Path("runs/studies")
-"""Where studies go by default: below the folder that one stands in. Those of the package's own settings are beside them,
-in ``agents/hyperparameters/studies``."""
+"""Where studies go by default: below the folder that one stands in. Those of the package's own settings are in
+``agents/hyperparameters/studies``."""
 
 Space = dict[str, Callable[[optuna.Trial, str], Any]]
 

@@ -130,6 +130,10 @@ class Page:
             return
         self.env, self.core = env, env.unwrapped.core  # type: ignore[attr-defined]
         self.task, self.scenario_name = self._wanted
+        if self.policy_name != HAND:
+            self.message = (
+                f"{self.policy_name} played the task before; here the magnet is in your hand until you choose"
+            )
         self._take(HAND)
         self.scenario = None
         self.reset()

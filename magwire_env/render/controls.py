@@ -20,6 +20,8 @@ __all__ = ["CLICKS", "HAND", "Controls"]
 
 HAND = "your hand"
 
+LEGEND = "*Arrows at the tip: dark, the magnetic force; purple, its part along the tract, which drives the tip.*"
+
 CLICKS = {"turns the magnet": "turns", "starts there": "starts"}
 
 
@@ -35,6 +37,7 @@ class Controls:
         self._magnet_folder = gui.add_folder("Magnet")
         with gui.add_folder("Now"):
             self.numbers = gui.add_markdown("")
+            gui.add_markdown(LEGEND)
             self._charts(gui)
         self._charted = 0
         self.sliders: list[Any] = []
@@ -100,7 +103,7 @@ class Controls:
         self.click.visible = len(dofs) == 1  # only then there is a map
         for i, dof in enumerate(dofs):
             low, high = (round(dof.factor * end, 6) for end in (dof.low, dof.high))
-            step = 0.1 if dof.unit == "A" else 1.0
+            step = 0.01
             with self._magnet_folder:
                 value = float(np.clip(self._shown(dof, magnet[i]), low, high))
                 slider = gui.add_slider(f"{dof.name} [{dof.unit}]", min=low, max=high, step=step, initial_value=value)
@@ -115,8 +118,8 @@ class Controls:
 
     @staticmethod
     def _shown(dof: Dof, value: float) -> float:
-        """A command as its slider shows it: in its unit, to the slider's step."""
-        return round(dof.factor * float(dof.wrapped(value)), 1 if dof.unit == "A" else 0)
+        """A command as its slider shows it: in its unit, to two decimals."""
+        return round(dof.factor * float(dof.wrapped(value)), 2)
 
     def _turn_handle(self, i: int, dof: Dof, m: int, mount: Any) -> None:
         """A ring about the magnet to drag round. A handle has a ring only in the plane of two active axes."""
@@ -188,7 +191,7 @@ class Controls:
         """Numbers and charts."""
         page, now = self.page, self.page.shown
         rows = [
-            ("time", f"{now.time:.1f} s", "tip", f"{number(1e3 * now.tip_arclength)} of {1e3 * now.goal:.0f} mm"),
+            ("tip", f"{number(1e3 * now.tip_arclength)} mm", "goal", f"{1e3 * now.goal:.0f} mm"),
             (
                 drive_name(now.scenario),
                 f"{number(1e3 * now.drive_force, 1)} mN",
@@ -196,6 +199,7 @@ class Controls:
                 f"{1e3 * now.lateral_force:.1f} mN",
             ),
             ("wall", f"{1e3 * now.wall_force:.0f} mN", "score", number(page.score, 1)),
+            ("time", f"{now.time:.1f} s", "", ""),
         ]
         words = "| | | | |\n|---|---|---|---|\n" + "\n".join(f"| {' | '.join(row)} |" for row in rows)
         if page.summary is not None:

@@ -18,10 +18,9 @@ __all__ = ["Game", "play"]
 SIZE = (960, 720)
 FPS = 30
 
-HELP = "drag in a view or on the map, or keys: arrows, A D, W S      R again      Esc leave"
+HELP = "drag in a view or on the map, or arrows, A D, W S    R again    Esc leave"
 
-_HELP_TIME = 4.0
-"""s for which the help stands in a new episode's picture."""
+BEGIN = "any key or a click begins"
 
 
 class Game:
@@ -48,6 +47,7 @@ class Game:
         self.dofs = dofs_of(self.scenario)
         self.command = self.now.magnet.copy()
         self.score, self.summary, self.success = 0.0, None, False
+        self.waiting = True
         self.to_beat = self.reference(self.seed) if self.reference else None
 
     @property
@@ -65,8 +65,8 @@ class Game:
             self.hold(dof, self.command[dof] + way * self.dofs[dof].speed * seconds)
 
     def step(self) -> None:
-        """One control period."""
-        if self.ended:
+        """One control period; none while the game waits for its player, or after the end."""
+        if self.ended or self.waiting:
             return
         action = self.core.actuation.action(self.command[None])[0]
         _, reward, terminated, truncated, info = self.env.step(action)
@@ -74,6 +74,10 @@ class Game:
         self.before, self.now = self.now, snapshots(self.core)[0]
         if terminated or truncated:
             self.summary, self.success = info["summary"], bool(info["is_success"])
+
+    def begin(self) -> None:
+        """The player is there."""
+        self.waiting = False
 
     def note(self) -> str:
         """The score, with the time to beat where there is one."""
@@ -85,8 +89,9 @@ class Game:
         if self.summary is None:
             return ""
         if not self.success:
-            return f"not reached, score {number(self.score, 1)}"
-        return f"goal in {self.summary['time']:.2f} s, wall force up to {1e3 * self.summary['peak_wall_force']:.0f} mN"
+            return f"not reached, score {number(self.score, 1)}; R: again"
+        wall = f"wall force up to {1e3 * self.summary['peak_wall_force']:.0f} mN"
+        return f"goal in {self.summary['time']:.2f} s, {wall}; R: again"
 
     def point_at(self, frames: Frames, at: tuple[float, float]) -> None:
         """The mouse held at a pixel: turns follow its direction from the magnet, slides its place, the map gives θ."""
@@ -140,6 +145,8 @@ def play(game: Game, frames_limit: int | None = None) -> None:
             elif event.type == pygame.KEYDOWN and event.key == pygame.K_r:
                 game.restart()
                 frames.forget((0,))
+            elif event.type in (pygame.KEYDOWN, pygame.MOUSEBUTTONDOWN):
+                game.begin()
         pressed = pygame.key.get_pressed()
         for dof, (less, more) in enumerate(keys):
             game.nudge(dof, float(pressed[more]) - float(pressed[less]), 1 / FPS)
@@ -152,5 +159,5 @@ def play(game: Game, frames_limit: int | None = None) -> None:
 def shown(game: Game, frames: Frames, now: Snapshot) -> Any:
     """The frame of a game's moment, with score and help."""
     surface = frames.surface(0, now, game.note())
-    frames.picture(game.scenario).caption(game.verdict(), HELP if game.ended or now.time < _HELP_TIME else "")
+    frames.picture(game.scenario).caption(game.verdict(), f"{BEGIN}      {HELP}" if game.waiting else "")
     return surface

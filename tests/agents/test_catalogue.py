@@ -82,7 +82,7 @@ def test_registering_refuses_taken_names_bad_names_and_other_things(registered):
 
 def test_the_command_takes_a_class_from_outside_the_package(module, capsys):
     magwire(["evaluate", f"{module}:Still", "--episodes", "2", "--no-par"])
-    assert "| Still |" in capsys.readouterr().out
+    assert "\nStill " in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

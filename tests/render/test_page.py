@@ -85,7 +85,7 @@ def test_the_hand_turns_the_magnet_the_short_way(page):
     for _ in range(20):
         page.update(0.1)
     assert page.now.magnet[0] == pytest.approx(2.0, abs=1e-6)
-    assert page.controls.sliders[0].value == pytest.approx(round(np.degrees(2.0)))
+    assert page.controls.sliders[0].value == pytest.approx(round(np.degrees(2.0), 2))
 
 
 def test_time_runs_at_the_chosen_speed(page):

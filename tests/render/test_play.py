@@ -21,6 +21,7 @@ def game(monkeypatch):
 
 def test_a_game_is_won_by_holding_the_best_angle(game):
     policy = MaxForce.from_env(game.env)
+    game.begin()
     while not game.ended:
         action, _ = policy.predict(game.core.observe()[0])
         game.hold(0, float(game.core.actuation.command(action[None])[0, 0]))
@@ -42,6 +43,7 @@ def test_keys_turn_the_magnet_at_the_servo_speed(game):
         game.nudge(0, 1.0, 0.1)
     assert game.command[0] - before[0] == pytest.approx(np.pi)
     game.nudge(3, 1.0, 0.1)  # a key for a freedom this rig has not
+    game.begin()
     for _ in range(12):
         game.step()
     assert game.now.magnet[0] == pytest.approx(game.command[0], abs=1e-6)
@@ -72,5 +74,12 @@ def test_the_mouse_moves_a_magnet_that_slides(monkeypatch):
 
 
 def test_the_window_runs_and_closes(game):
+    """The game waits for its player: time stands still until a key is pressed or a button is."""
+    play(game, frames_limit=8)
+    assert game.now.time == 0.0
+    assert game.waiting
+    game.begin()
     play(game, frames_limit=8)
     assert game.now.time > 0.1
+    game.restart()
+    assert game.waiting

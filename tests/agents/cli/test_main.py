@@ -11,10 +11,10 @@ from agents.cli.main import main as magwire
 
 def test_the_command_evaluates_a_controller_and_a_model(run, tmp_path, capsys):
     magwire(["evaluate", "MaxForce", "--episodes", "4", "--out", str(tmp_path / "r.json")])
-    assert "| MaxForce | 100.0% |" in capsys.readouterr().out
+    assert "\nMaxForce  100.0% " in capsys.readouterr().out
     assert json.loads((tmp_path / "r.json").read_text())["MaxForce"]["summary"]["success_rate"] == 1.0
     magwire(["evaluate", str(run[0]), "--episodes", "4"])
-    assert "| small |" in capsys.readouterr().out
+    assert "\nsmall " in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

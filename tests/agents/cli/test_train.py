@@ -21,7 +21,7 @@ def test_the_script_and_the_command_train_the_same(tmp_path, capsys):
         [sys.executable, "train.py", "--run", str(tmp_path / "script"), *ARGUMENTS], cwd=ROOT, check=True, timeout=120
     )
     magwire(["train", "--run", str(tmp_path / "command"), *ARGUMENTS])
-    assert "| trained PPO |" in capsys.readouterr().out
+    assert "\ntrained PPO " in capsys.readouterr().out
     first, second = (json.loads((tmp_path / name / "results.json").read_text()) for name in ("script", "command"))
     assert first == second
 

@@ -264,4 +264,4 @@ def test_evaluating_a_policy_imports_no_torch(folder):
         capture_output=True, text=True, cwd=Path(__file__).parents[3],
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert "| policy |" in done.stdout
+    assert "policy  " in done.stdout
