@@ -368,7 +368,7 @@ class FreeWires:
                     b, self.points, self.magnetic, self._par[b], self._wire[b], self._lane[b], self._node[b],
                     None if self._spin is None else self._spin[b], self._foot[b], self.table, self.grid, self._dofs[b],
                     self.is_turn, self.rig, self._magnets[b], self.clouds, self.cloud_of, self.sources, self._q[b],
-                    self._command[b], *work, NO_MARKS, 1.0,
+                    self._command[b], work[0], work[1], work[2], NO_MARKS, 1.0,
                 )  # fmt: skip
 
         share_out(run, np.arange(self.blocks), self._workspaces, self.threads)  # type: ignore[arg-type]
