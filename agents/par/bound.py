@@ -57,7 +57,7 @@ class Fastest:
         self._margin = _MARGIN * (float(np.abs(force).max()) + bend)
         self.net = force - resistance + self._margin
         stretch = float(np.abs(force).max()) * scenario.wire.length / scenario.wire.axial_rigidity
-        step = scenario.timing.control_period / scenario.timing.substeps
+        step = scenario.timing.control_period / scenario.substeps
         self._slack = stretch + step * step / 12.0 * max(float(self.net.max()), 0.0) / self.mass
         self._run_up = max(_RUN_UP, self.mass * float(self.net.max()) / float(self._growth.min()) ** 2)
         self._tables: dict[int, np.ndarray] = {}

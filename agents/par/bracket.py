@@ -51,7 +51,7 @@ def least_times(starts: Starts) -> np.ndarray:
     """
     fastest: dict[tuple[int, int], Fastest] = {}
     least = np.zeros(len(starts))
-    timing, task = starts.library.timing, starts.task
+    library, task = starts.library, starts.task
     for i in range(len(starts) if not task.kind.follows else 0):
         entry, tip, goal = int(starts.entries[i]), float(starts.tip[i]), float(starts.goal[i])
         direction = 1 if goal > tip else -1
@@ -63,8 +63,8 @@ def least_times(starts: Starts) -> np.ndarray:
             magnet = float(starts.magnet[i, 0]) if starts.magnet.shape[1] == 1 else None
             least[i] = fastest[entry, direction].least(tip, goal, magnet)
         if task.kind.holds:
-            period = timing.control_period
-            last = least[i] / period - 1.0 / timing.substeps + task.hold_periods(period)
+            period = library.control_period
+            last = least[i] / period - 1.0 / library.substeps + task.hold_periods(period)
             least[i] = np.ceil(last - 1e-9) * period
     return least
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from magwire_env.scenario import Scenario
 
+from ..notes import note
 from .starts import Starts
 
 __all__ = ["VERSION", "Cache", "default_folder"]
@@ -71,14 +72,20 @@ class Cache:
         except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as failure:
             warnings.warn(f"{path} is damaged, so its plan is made again: {failure}", stacklevel=2)
             return None
-        if plan.ndim != 2 or not np.isfinite(plan).all() or not np.isfinite(value):
+        if plan.ndim != 2 or not plan.size or not np.isfinite(plan).all() or not np.isfinite(value):
             warnings.warn(f"{path} holds no plan, so it is made again: shape {plan.shape}", stacklevel=2)
             return None
         return plan, value
 
     def store(self, key: str, plan: np.ndarray, value: float) -> None:
-        """Put a plan on disk, whole or not at all."""
-        path = self.path(key)
+        """Put a plan on disk, whole or not at all. A full disk, or one that may not be written, is said, and no more:
+        the plan serves all the same."""
+        try:
+            self._store(self.path(key), plan, value)
+        except OSError as error:
+            note(f"plans cannot be kept in {self.folder} ({error}); set MAGWIRE_CACHE to a folder that can be written")
+
+    def _store(self, path: Path, plan: np.ndarray, value: float) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
         try:

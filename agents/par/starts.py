@@ -53,7 +53,7 @@ class Starts:
     @property
     def period(self) -> float:
         """Control period, s."""
-        return self.library.timing.control_period
+        return self.library.control_period
 
     @property
     def one_turn(self) -> bool:

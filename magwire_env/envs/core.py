@@ -17,6 +17,7 @@ from ..scenario import Scenario
 from ..simulation import Places, Simulator
 from ..simulation.model import model_names, supports
 from ..simulation.readout import ROW
+from ..simulation.simulator import FARTHEST_SETTING
 from . import kernels
 from .action import Actuation
 from .episodes import Episodes
@@ -159,7 +160,7 @@ class SteeringCore:
         placement = drawn[:, 3:] * np.array([v.placement for v in ranges])[:, None]
         factors[:, 0] = np.maximum(factors[:, 0], 0.0)
         friction, stiffness, remanence = factors.T
-        self.sim.vary(lanes, friction, stiffness, remanence, placement.reshape(-1, magnets, 3))
+        self.sim.vary(lanes, friction, stiffness, remanence, placement.reshape(len(lanes), magnets, 3))
         for name, column in zip(self.varied, factors.T, strict=True):
             self.varied[name][lanes] = column
 
@@ -199,6 +200,11 @@ class SteeringCore:
             magnet = _per_lane(
                 "magnet_angle", options["magnet_angle"], n, (self.sim.dof,), "rad for turns, m for slides"
             )[lanes]
+            if np.abs(magnet).max() > FARTHEST_SETTING:
+                raise ValueError(
+                    f"options['magnet_angle'] must lie within ±{FARTHEST_SETTING:g} (rad for turns, m for slides), "
+                    f"got {options['magnet_angle']!r}"
+                )
         return Places(tip, start.branch), Places(target, goal.branch), magnet
 
     def reference_ahead(self, offsets: Sequence[float]) -> np.ndarray:
@@ -227,7 +233,8 @@ class SteeringCore:
             scenario = sim.library.scenarios[sim.lane_scenario[diverged]]
             raise RuntimeError(
                 f"the wire of lane {diverged} (scenario {scenario.name!r}) has diverged: its tip is at "
-                f"{sim.travelled[diverged]} m. Its numbers cannot be integrated at {scenario.timing}"
+                f"{sim.travelled[diverged]} m. Its numbers cannot be integrated with "
+                f"{sim.library.substeps} steps in a control period of {sim.control_period:g} s"
             )
         if self.reward_terms:
             self.action[:] = action

@@ -8,22 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .checks import in_range, one_of, positive, whole
+from .checks import in_range, one_of
 from .profile import Profile, as_profile
+from .ranges import counted, ranged
 
 __all__ = ["CLINICAL", "PROFILES", "Guidewire"]
 
-PROFILES = {
-    "bending": ("N·m²", 0.0),
-    "twisting": ("N·m²", 0.0),
-    "axial": ("N", 0.0),
-    "outer_radius": ("m", 0.0),
-    "mass_per_length": ("kg/m", 0.0),
-    "curl": ("1/m", None),
-    "curl_across": ("1/m", None),
-    "magnetisation": ("A·m", None),
-}
-"""Properties that may change along a wire: their units, and what they must be greater than."""
+PROFILES = (
+    "bending", "twisting", "axial", "outer_radius", "mass_per_length", "curl", "curl_across", "magnetisation",
+)  # fmt: skip
+"""Properties that may change along a wire."""
 
 CLINICAL = {
     "amplatz": 9.5e9,
@@ -89,12 +83,11 @@ class Guidewire:
     magnetisation: Profile | None = None
 
     def __post_init__(self) -> None:
-        units = {"length": "m", "radius": "m", "axial_modulus": "Pa", "bending_modulus": "Pa", "density": "kg/m³"}
-        for name, unit in units.items():
-            object.__setattr__(self, name, positive(f"Guidewire.{name}", getattr(self, name), unit))
-        object.__setattr__(self, "segments", whole("Guidewire.segments", self.segments, 2))
-        for name, (unit, least) in PROFILES.items():
-            given = as_profile(f"Guidewire.{name}", getattr(self, name), self.length, unit, least)
+        for name in ("length", "radius", "axial_modulus", "bending_modulus", "density"):
+            object.__setattr__(self, name, ranged(f"Guidewire.{name}", getattr(self, name)))
+        object.__setattr__(self, "segments", counted("Guidewire.segments", self.segments))
+        for name in PROFILES:
+            given = as_profile(f"Guidewire.{name}", getattr(self, name), self.length)
             object.__setattr__(self, name, given)
         if (self.curl or self.curl_across) and not self.twisting:
             raise ValueError(
@@ -133,7 +126,6 @@ class Guidewire:
         ring_from_tip : m, of the second ring's middle; it lies inside the soft end (its place is ours)
         """
         soft, ring, moment = 34e-3, 4e-3, 3.73e-3
-        positive("length", length, "m")
         in_range("length", length, soft + 1e-3, 10.0, "m")
         in_range("ring_from_tip", ring_from_tip, ring, soft - ring, "m")
         outer, inner = 0.665e-3, 0.4e-3
@@ -200,6 +192,6 @@ class Guidewire:
 
 def _round_wire(length: float, diameter: float, modulus: float, density: float, segments: int) -> Guidewire:
     """A solid round wire that twists: G J = E I/(1 + ν)."""
-    wire = Guidewire(length, positive("diameter", diameter, "m") / 2, modulus, modulus, density, segments)
+    wire = Guidewire(length, ranged("Guidewire.radius", diameter, "diameter") / 2, modulus, modulus, density, segments)
     twisting = Profile.constant(wire.bending_rigidity / (1 + _POISSON))
     return dataclasses.replace(wire, twisting=twisting)

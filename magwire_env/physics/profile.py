@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .checks import finite
+from .ranges import RANGES
 
 __all__ = ["Profile", "as_profile"]
 
@@ -96,18 +97,18 @@ class Profile:
         return max(self.values)
 
 
-def as_profile(name: str, value: Any, length: float, unit: str, least: float | None = None) -> Profile | None:
+def as_profile(name: str, value: Any, length: float) -> Profile | None:
     """None, or `value` as a profile along a wire of `length` m: a number is constant along it.
 
-    least : all values must be greater; None for any finite value
-
-    Raises `ValueError` naming the property, the place and what is allowed.
+    Raises `ValueError` naming the property, the place and what is allowed: the range of `name` in `ranges.RANGES`.
     """
     if value is None:
         return None
+    low, high, unit = RANGES[name]
     profile = value if isinstance(value, Profile) else Profile.constant(finite(name, value, unit))
-    if least is not None and profile.least <= least:
-        raise ValueError(f"{name} must be greater than {least:g} everywhere (in {unit}), got {profile.least:g}")
+    for worst in (profile.least, profile.most):
+        if not low <= worst <= high:
+            raise ValueError(f"{name} must lie in [{low:g}, {high:g}] everywhere (in {unit}), got {worst:g}")
     if profile.at[0] < 0 or profile.at[-1] > length * (1 + 1e-12):
         raise ValueError(
             f"{name} must have its knots in [0, {length:g}] m, along the wire, got them from {profile.at[0]:g} to "

@@ -78,10 +78,10 @@ def dofs_of(scenario: Scenario) -> list[Dof]:
         name = f"coil {coil.axis}{i + 1 if same else ''}"
         k = len(out)
         out.append(Dof(name, "A", 1.0, False, low[k], high[k], coil.current.speed, None, "xyz".index(coil.axis)))
-    for part in rig.base:
+    for own in rig.base:
         k = len(out)
-        unit, factor = ("mm", 1e3) if isinstance(part, Feed) else ("°", float(np.degrees(1.0)))
-        out.append(Dof(part.axis, unit, factor, False, low[k], high[k], part.speed, None, 0))
+        unit, factor = ("mm", 1e3) if isinstance(own, Feed) else ("°", float(np.degrees(1.0)))
+        out.append(Dof(own.axis, unit, factor, False, low[k], high[k], own.speed, None, 0))
     return out
 
 

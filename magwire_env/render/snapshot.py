@@ -161,7 +161,7 @@ def body_halves(magnet: Magnet) -> tuple[np.ndarray, np.ndarray]:
 
 
 def load_limit(scenario: Scenario) -> float:
-    """N, of the load at which a wire is shaded brightest: the limit of the wall force, or a fifth of it for one node."""
+    """N, of the load at which a wire is shaded brightest: the limit of the wall force; for one node a fifth of it."""
     limit = scenario.contact.wall_force_limit
     return 0.2 * limit if supports(scenario, "contact") else limit
 

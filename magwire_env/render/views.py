@@ -125,7 +125,7 @@ class Views:
 
     @staticmethod
     def _ribbon(branch: Any, view: View, rect: Any, big: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """A branch's pieces: depth (n − 1,), and of its stations middle (n, 2), half width (n, 2), radius (n,) pixels."""
+        """A branch's pieces: depth (n − 1,); of its stations middle (n, 2), half width (n, 2), radius (n,) pixels."""
         s = np.linspace(0.0, branch.length, max(200, math.ceil(branch.length / 1.5e-3)))
         points = branch.curve.position(s)
         size = branch.curve.radius_at(s) * view.scale * big

@@ -19,6 +19,7 @@ __all__ = [
     "Slide",
     "Timing",
     "Turn",
+    "Twist",
     "Variation",
     "above",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ..physics.checks import finite, non_negative, positive
+from ..physics.ranges import ranged
 
 __all__ = ["Feed", "Twist"]
 
@@ -28,11 +28,9 @@ class Feed:
     force: float = 5.0
 
     def __post_init__(self) -> None:
-        for name, unit in (("speed", "m/s"), ("force", "N")):
-            object.__setattr__(self, name, positive(f"Feed.{name}", getattr(self, name), unit))
-        for name in ("low", "high", "home"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, non_negative(f"Feed.{name}", getattr(self, name), "m"))
+        for name in ("speed", "force", "low", "high", "home"):
+            if getattr(self, name) is not None or name in ("speed", "force"):
+                object.__setattr__(self, name, ranged(f"Feed.{name}", getattr(self, name)))
 
     @property
     def axis(self) -> str:
@@ -40,7 +38,7 @@ class Feed:
         return "feed"
 
     def within(self, length: float, segment: float) -> Feed:
-        """With every limit filled in for a wire of `length` m with segments of `segment` m; refuses what it cannot be."""
+        """With every limit filled in for a wire of `length` m, its segments of `segment` m. Refuses impossible ones."""
         least = 3.0 * segment
         low = least if self.low is None else self.low
         high = length if self.high is None else self.high
@@ -70,9 +68,8 @@ class Twist:
     speed: float = 2 * math.pi
 
     def __post_init__(self) -> None:
-        for name in ("low", "high", "home"):
-            object.__setattr__(self, name, finite(f"Twist.{name}", getattr(self, name), "rad"))
-        object.__setattr__(self, "speed", positive("Twist.speed", self.speed, "rad/s"))
+        for name in ("low", "high", "home", "speed"):
+            object.__setattr__(self, name, ranged(f"Twist.{name}", getattr(self, name)))
         if not self.low <= self.home <= self.high or self.low == self.high:
             raise ValueError(f"Twist.home must lie in [low, high] with low < high (in rad), got {self}")
 

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.checks import finite, one_of, positive, vector
+from ..physics.checks import one_of
 from ..physics.dipoles import field_gradient
 from ..physics.fitted_cloud import SIZES
 from ..physics.magnets import RULES, BlockMagnet, Magnet
+from ..physics.ranges import ranged, ranged_vector
 from .base import Feed, Twist
 
 __all__ = ["ActuatedMagnet", "Coil", "Current", "Rig", "Slide", "Turn", "cheapest_rule", "wrapped"]
@@ -35,8 +36,8 @@ class Turn:
 
     def __post_init__(self) -> None:
         one_of("Turn.axis", self.axis, tuple(_AXES))
-        object.__setattr__(self, "home", finite("Turn.home", self.home, "rad"))
-        object.__setattr__(self, "speed", positive("Turn.speed", self.speed, "rad/s"))
+        for name in ("home", "speed"):
+            object.__setattr__(self, name, ranged(f"Turn.{name}", getattr(self, name)))
 
 
 @dataclass(frozen=True)
@@ -57,9 +58,8 @@ class Slide:
 
     def __post_init__(self) -> None:
         one_of("Slide.axis", self.axis, tuple(_AXES))
-        for name in ("low", "high", "home"):
-            object.__setattr__(self, name, finite(f"Slide.{name}", getattr(self, name), "m"))
-        object.__setattr__(self, "speed", positive("Slide.speed", self.speed, "m/s"))
+        for name in ("low", "high", "home", "speed"):
+            object.__setattr__(self, name, ranged(f"Slide.{name}", getattr(self, name)))
         if not self.low <= self.home <= self.high or self.low == self.high:
             raise ValueError(f"Slide.home must lie in [low, high] with low < high (in m), got {self}")
 
@@ -83,7 +83,7 @@ class ActuatedMagnet:
     dipoles: tuple[Any, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", vector("ActuatedMagnet.position", self.position, 3, "m"))
+        object.__setattr__(self, "position", ranged_vector("ActuatedMagnet.position", self.position))
         object.__setattr__(self, "dofs", tuple(self.dofs))
         turns = [d for d in self.dofs if isinstance(d, Turn)]
         slides = [d.axis for d in self.dofs if isinstance(d, Slide)]
@@ -125,9 +125,8 @@ class Current:
     speed: float = 100.0
 
     def __post_init__(self) -> None:
-        for name in ("low", "high", "home"):
-            object.__setattr__(self, name, finite(f"Current.{name}", getattr(self, name), "A"))
-        object.__setattr__(self, "speed", positive("Current.speed", self.speed, "A/s"))
+        for name in ("low", "high", "home", "speed"):
+            object.__setattr__(self, name, ranged(f"Current.{name}", getattr(self, name)))
         if not self.low <= self.home <= self.high or self.low == self.high:
             raise ValueError(f"Current.home must lie in [low, high] with low < high (in A), got {self}")
 
@@ -154,9 +153,9 @@ class Coil:
 
     def __post_init__(self) -> None:
         one_of("Coil.axis", self.axis, tuple(_AXES))
-        object.__setattr__(self, "uniform", finite("Coil.uniform", self.uniform, "T/A"))
-        object.__setattr__(self, "gradient", finite("Coil.gradient", self.gradient, "T/(m·A)"))
-        object.__setattr__(self, "position", vector("Coil.position", self.position, 3, "m"))
+        for name in ("uniform", "gradient"):
+            object.__setattr__(self, name, ranged(f"Coil.{name}", getattr(self, name)))
+        object.__setattr__(self, "position", ranged_vector("Coil.position", self.position))
         if not (self.uniform or self.gradient):
             raise ValueError(f"Coil.uniform and Coil.gradient must not both be 0, got {self}")
 
@@ -229,7 +228,7 @@ class Rig:
 
     @property
     def dofs(self) -> tuple[Turn | Slide | Current | Feed | Twist, ...]:
-        """Every actuated degree of freedom, in the order of the command: the magnets', the coils' currents, the base's."""
+        """Every actuated degree of freedom, in the command's order: the magnets', the coils' currents, the base's."""
         return tuple(d for m in self.magnets for d in m.dofs) + tuple(c.current for c in self.coils) + self.base
 
 

@@ -8,7 +8,7 @@ import tomllib
 import types
 import typing
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,12 @@ import numpy as np
 from ..lumen.curve import Tract
 from ..lumen.lumen import Lumen, Wall
 from ..lumen.rooms import BoxWall
-from ..physics.checks import non_negative, one_of, positive, vector, whole
+from ..physics.checks import one_of, positive
 from ..physics.guidewire import Guidewire
 from ..physics.magnets import BlockMagnet, CylinderMagnet, PointDipole
 from ..physics.profile import Profile
+from ..physics.ranges import counted, ranged, ranged_vector
+from . import steps
 from .base import Feed, Twist
 from .rig import ActuatedMagnet, Coil, Current, Rig, Slide, Turn, cheapest_rule
 from .sensing import Reading, Sensing, Variation
@@ -51,6 +53,8 @@ def _missing(name: str) -> Any:
 
 
 _SHIPPED = Path(__file__).parents[1] / "scenarios"
+_MOST_BYTES = 64 * 2**20
+"""Size beyond which a scenario's file is refused unread."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,7 @@ class Contact:
     lever_friction : the couple's contacts add to the tip's friction
     wall_force_limit : N; `cost` is the wall force above it
     stiffness : N/m², of the wall, for each metre of wire and of penetration; for the free wire
-    points : contact points a segment of the free wire, 1 for its nodes alone
+    per_segment : contact points a segment of the free wire, 1 for its nodes alone
     """
 
     friction: float = 0.05
@@ -74,35 +78,28 @@ class Contact:
     lever_friction: bool = False
     wall_force_limit: float = 0.1
     stiffness: float = 2e5
-    points: int = 1
+    per_segment: int = 1
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "friction", non_negative("Contact.friction", self.friction))
-        object.__setattr__(self, "drag", non_negative("Contact.drag", self.drag, "N·s/m²"))
-        for name, unit in (("stick_speed", "m/s"), ("lever", "m"), ("wall_force_limit", "N")):
-            object.__setattr__(self, name, positive(f"Contact.{name}", getattr(self, name), unit))
-        object.__setattr__(self, "stiffness", positive("Contact.stiffness", self.stiffness, "N/m²"))
-        object.__setattr__(self, "points", whole("Contact.points", self.points, 1))
+        for name in ("friction", "drag", "stick_speed", "lever", "wall_force_limit", "stiffness"):
+            object.__setattr__(self, name, ranged(f"Contact.{name}", getattr(self, name)))
+        object.__setattr__(self, "per_segment", counted("Contact.per_segment", self.per_segment))
 
 
 @dataclass(frozen=True)
 class Timing:
-    """How time is cut.
+    """control_period : s between commands
 
-    control_period : s between commands
-    substeps : integration steps in one control period
-    free_step : s at most, of the free wire's steps: it cuts substeps into as many as that takes, and halves those that
-        do not converge by itself
+    substeps : integration steps in one control period; by default as many as the wire needs, see `Scenario.substeps`
     """
 
     control_period: float = 0.1
-    substeps: int = 2
-    free_step: float = 10e-3
+    substeps: int | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "control_period", positive("Timing.control_period", self.control_period, "s"))
-        object.__setattr__(self, "substeps", whole("Timing.substeps", self.substeps, 1))
-        object.__setattr__(self, "free_step", positive("Timing.free_step", self.free_step, "s"))
+        object.__setattr__(self, "control_period", ranged("Timing.control_period", self.control_period))
+        if self.substeps is not None:
+            object.__setattr__(self, "substeps", counted("Timing.substeps", self.substeps))
 
 
 @dataclass(frozen=True)
@@ -144,7 +141,7 @@ class Scenario:
     def __post_init__(self) -> None:
         self._check_lumen()
         one_of("Scenario.coupling", self.coupling, COUPLINGS)
-        object.__setattr__(self, "gravity", vector("Scenario.gravity", self.gravity, 3, "m/s²"))
+        object.__setattr__(self, "gravity", ranged_vector("Scenario.gravity", self.gravity))
         if self.tract.closed and self.coupling == "force":
             raise ValueError(
                 "Scenario.coupling must be 'wrench' on a closed tract, where F·t does net work a lap, got 'force'"
@@ -154,7 +151,10 @@ class Scenario:
                 f"Scenario.wire.length must be less than the tract's {self.tract.length:.4g} m, "
                 f"got {self.wire.length:g} m"
             )
-        object.__setattr__(self, "rig", dataclasses.replace(self.rig, magnets=self._magnets(), feed=self._feed()))
+        magnets, distances = self._magnets()
+        object.__setattr__(self, "rig", dataclasses.replace(self.rig, magnets=magnets, feed=self._feed()))
+        if self.model == "locked":
+            steps.check(self, distances)
 
     def _check_lumen(self) -> None:
         if self.lumen is None and self.tract is None:
@@ -171,11 +171,11 @@ class Scenario:
         elif self.tract != trunk:
             raise ValueError("Scenario.tract must be left out where Scenario.lumen is given, whose trunk it is")
 
-    def _magnets(self) -> tuple[ActuatedMagnet, ...]:
-        """The magnets, clear of the lumen, each with its rule."""
+    def _magnets(self) -> tuple[tuple[ActuatedMagnet, ...], list[float]]:
+        """The magnets, clear of the lumen, each with its rule; and their least distances from the centreline, m."""
         curves = [branch.curve for branch in self.tree.branches]
         centrelines = [c.position(np.linspace(0.0, c.length, 4 * len(c.table))) for c in curves]
-        magnets = []
+        magnets, distances = [], []
         for i, mount in enumerate(self.rig.magnets):
             spare = [mount.distance_to(line) - c.widest for line, c in zip(centrelines, curves, strict=True)]
             nearest = int(np.argmin(spare))
@@ -189,7 +189,8 @@ class Scenario:
             if not mount.dipoles:
                 mount = dataclasses.replace(mount, dipoles=cheapest_rule(mount.magnet, distance))
             magnets.append(mount)
-        return tuple(magnets)
+            distances.append(distance)
+        return tuple(magnets), distances
 
     def _feed(self) -> Feed | None:
         """The feed with its limits filled in."""
@@ -205,6 +206,26 @@ class Scenario:
     def tree(self) -> Lumen:
         """The lumen as a tree: of one branch, "trunk", where a tract is given."""
         return self.lumen if self.lumen is not None else _of_one_branch(self.tract)
+
+    @property
+    def substeps(self) -> int:
+        """Integration steps in one control period: those of `timing`, or else as many as the wire needs.
+
+        `magwire_env.scenario.steps.substeps_needed` derives the number. Soft wires, the paper's among them, take steps
+        of 50 ms. A scenario that needs more than `MOST_SUBSTEPS` is refused.
+        """
+        return self.substeps_needed if self.timing.substeps is None else self.timing.substeps
+
+    @property
+    def step_too_long(self) -> bool:
+        """Whether `timing` gives fewer substeps than the wire needs: all its motion is then reported as unconverged."""
+        given = self.timing.substeps
+        return given is not None and self.model == "locked" and given < self.substeps_needed
+
+    @cached_property
+    def substeps_needed(self) -> int:
+        """Integration steps in one control period that the wire needs."""
+        return steps.substeps_needed(self)
 
     @property
     def moving_mass(self) -> float:
@@ -271,14 +292,44 @@ class Scenario:
         """
         import tomli_w
 
-        file, tree = Path(path), _to_toml(self)
+        file = Path(path)
+        if self.lumen is None or type(self.lumen.wall) in _SAVED_WALLS:
+            file.write_text(self.dumps(), encoding="utf-8")
+            return
+        beside = file.with_suffix(".lumen")
+        self.lumen.save(beside)
+        tree = _to_toml(dataclasses.replace(self, lumen=None)) | {"lumen": beside.name}
+        del tree["tract"]
+        file.write_text(tomli_w.dumps(tree), encoding="utf-8")
+
+    def dumps(self) -> str:
+        """The text that `save` writes. Raises `ValueError` for a lumen whose wall is a surface: it needs a file."""
+        import tomli_w
+
+        if self.lumen is not None and type(self.lumen.wall) not in _SAVED_WALLS:
+            raise ValueError("Scenario.lumen must have a wall of tubes or a box to become text; use Scenario.save")
+        tree = _to_toml(self)
         if self.lumen is not None:
             del tree["tract"]
-            if type(self.lumen.wall) not in (type(None), *_KIND_OF):
-                beside = file.with_suffix(".lumen")
-                self.lumen.save(beside)
-                tree["lumen"] = beside.name
-        file.write_text(tomli_w.dumps(tree), encoding="utf-8")
+        return tomli_w.dumps(tree)
+
+    @classmethod
+    def loads(cls, text: str, where: str = "the scenario", folder: Path | None = None) -> Scenario:
+        """Read a scenario from TOML text; `where` names it in errors, which are those of `load`.
+
+        folder : where a lumen that is a file of its own lies; without it such a scenario is refused
+        """
+        try:
+            tree = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise ValueError(f"{where} is not valid TOML: {error}") from error
+        except (RecursionError, ValueError) as error:  # brackets in brackets, whole numbers of thousands of digits
+            raise ValueError(f"{where} is not valid TOML: {type(error).__name__}: {error}") from error
+        if isinstance(tree.get("lumen"), str):
+            tree["lumen"] = _lumen_beside(tree["lumen"], where, folder)
+        elif "tract" not in tree and "lumen" not in tree:
+            raise ValueError(f"{where} lacks the key 'tract' (or 'lumen')")
+        return _from_toml(cls, tree, where)
 
     @classmethod
     def load(cls, path: str | Path) -> Scenario:
@@ -294,15 +345,21 @@ class Scenario:
                     f"no file {str(path)!r}, and no shipped scenario of that name; shipped: {', '.join(names)}"
                 )
             file = _SHIPPED / f"{path}.toml"
+        size = file.stat().st_size
+        if size > _MOST_BYTES:
+            raise ValueError(f"{file} is {size} bytes long, more than the {_MOST_BYTES} of a scenario")
         try:
-            tree = tomllib.loads(file.read_text(encoding="utf-8"))
-        except tomllib.TOMLDecodeError as error:
-            raise ValueError(f"{file} is not valid TOML: {error}") from error
-        if isinstance(tree.get("lumen"), str):
-            tree["lumen"] = Lumen.load(file.parent / tree["lumen"])
-        elif "tract" not in tree and "lumen" not in tree:
-            raise ValueError(f"{file} lacks the key 'tract' (or 'lumen')")
-        return _from_toml(cls, tree, str(file))
+            text = file.read_text(encoding="utf-8")
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{file} must be text in UTF-8: {error}") from error
+        return cls.loads(text, str(file), file.parent)
+
+
+def _lumen_beside(name: str, where: str, folder: Path | None) -> Lumen:
+    """The lumen in a file of its own, which must lie beside the scenario's."""
+    if folder is None or Path(name).name != name or Path(name).suffix != ".lumen":
+        raise ValueError(f"{where}.lumen must be a table, or the name of a .lumen file beside it, got {name!r}")
+    return Lumen.load(folder / name)
 
 
 @lru_cache(maxsize=256)
@@ -324,16 +381,18 @@ def above(tract: Tract, distance: float) -> tuple[float, float, float]:
 # --- TOML -------------------------------------------------------------------------------------------------------------
 
 _KINDS: dict[str, type] = {
-    "block": BlockMagnet, "cylinder": CylinderMagnet, "point": PointDipole, "turn": Turn, "slide": Slide, "box": BoxWall,
+    "block": BlockMagnet, "cylinder": CylinderMagnet, "point": PointDipole, "turn": Turn, "slide": Slide,
+    "box": BoxWall,
 }  # fmt: skip
 _KIND_OF = {cls: kind for kind, cls in _KINDS.items()}
+_SAVED_WALLS = (type(None), BoxWall)
 
 
 def _to_toml(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         tree = {"kind": _KIND_OF[type(value)]} if type(value) in _KIND_OF else {}
-        found = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
-        return tree | {name: _to_toml(part) for name, part in found.items() if part is not None}
+        values = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        return tree | {name: _to_toml(inner) for name, inner in values.items() if inner is not None}
     if isinstance(value, tuple):
         return [_to_toml(v) for v in value]
     return value

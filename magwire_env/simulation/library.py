@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..scenario import Scenario
+from ..scenario.steps import common_substeps
 from .model import model_class, require
 from .rig_arrays import RigLibrary
 from .servo import LIMIT
@@ -35,7 +36,8 @@ class Library:
     """Scenarios as rows, one row an entry.
 
     scenarios : the entries
-    timing, model : what they have in common
+    control_period, model : what they have in common, s and a name
+    substeps : in a control period, the most that one of them needs
     rigs, wires : rows of the rig, and the wire model's own
     dof, magnet_count, is_turn, home : see `RigLibrary`
     limits : `Limits`
@@ -43,6 +45,7 @@ class Library:
     start_length : (entries,) m, where the tip of a wire stands that lies just inside the inlet: the wire's length, or
         what its feed has inserted
     reach : (entries, 2) m, how far from the inlet a feed can bring a tip; −∞ and ∞ of a wire that is dragged
+    too_long_step : (entries,), the integration step is too long for the wire, see `Scenario.step_too_long`
 
     Raises `ValueError` if the scenarios differ in timing, wire model or the kinds of their degrees of freedom.
     """
@@ -51,19 +54,23 @@ class Library:
         if not scenarios:
             raise ValueError("scenario must be one scenario or a sequence of at least one, got none")
         self.scenarios = tuple(scenarios)
-        self.timing, self.model = self.scenarios[0].timing, self.scenarios[0].model
+        timing, self.model = self.scenarios[0].timing, self.scenarios[0].model
         for i, sc in enumerate(self.scenarios):
-            if sc.timing != self.timing:
-                raise ValueError(f"scenario[{i}].timing must be that of the batch, {self.timing}, got {sc.timing}")
+            if sc.timing != timing:
+                raise ValueError(f"scenario[{i}].timing must be that of the batch, {timing}, got {sc.timing}")
             if sc.model != self.model:
                 raise ValueError(f"scenario[{i}].model must be that of the batch, {self.model!r}, got {sc.model!r}")
             _check_model(sc)
+        self.control_period, self.substeps = timing.control_period, common_substeps(self.scenarios)
         self.rigs = RigLibrary(self.scenarios)
         self.wires: Any = model_class(self.model).library(self.scenarios)
         self.dof, self.magnet_count = self.rigs.dof, self.rigs.magnet_count
         self.is_turn, self.home = self.rigs.is_turn, self.rigs.home
         rows = self.rigs.limits
         self.limits = Limits(rows[:, :, LIMIT.speed], rows[:, :, LIMIT.low], rows[:, :, LIMIT.high])
+        self.too_long_step = np.array(
+            [sc.step_too_long and self.substeps < sc.substeps_needed for sc in self.scenarios]
+        )
         self.wire_length = np.array([sc.wire.length for sc in self.scenarios])
         self.tract_length = np.array([sc.tract.length for sc in self.scenarios])
         self.start_length = np.array(

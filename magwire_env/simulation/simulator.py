@@ -11,7 +11,8 @@ import numpy as np
 
 from ..scenario import Scenario
 from .library import Library
-from .model import Places, WireModel, model_class, require
+from .model import Places, WireModel, model_class
+from .observed import Observed
 from .readout import ROW
 from .rig_arrays import RigLanes, aligned_zeros
 from .state import SimulatorState, Trajectories
@@ -19,7 +20,7 @@ from .state import SimulatorState, Trajectories
 __all__ = ["Simulator", "SimulatorState", "Trajectories"]
 
 
-class Simulator:
+class Simulator(Observed):
     """A batch of guidewires.
 
     scenario : one `Scenario` for all lanes, or a sequence of them, one a lane; the scenarios of a batch may differ in
@@ -70,13 +71,14 @@ class Simulator:
         self.num_envs = int(n)
         self.library = scenario if isinstance(scenario, Library) else Library(scenarios)
         self.time = np.zeros(n)
-        self._threads, self._period = threads, self.library.timing.control_period
+        self._threads, self._period = threads, self.library.control_period
+        self._some_step_too_long = bool(self.library.too_long_step.any())
         self._scratch: Simulator | None = None
         self._lock = threading.RLock()
         self.rig = RigLanes(self.library.rigs, self.num_envs)
         self.readout = aligned_zeros(len(ROW), self.rig.lanes)
         """Live rows over the lanes, see `magwire_env.simulation.readout.Readout`: for other compiled code, to read."""
-        self.trace = aligned_zeros(self.library.timing.substeps + 1, self.rig.lanes)
+        self.trace = aligned_zeros(self.library.substeps + 1, self.rig.lanes)
         """Live, m: the way left at the start of the last control period and after each of its substeps, a row each."""
         model = model_class(self.library.model)
         self.model: WireModel = model(self.library, self.rig, self.readout, self.trace, threads)
@@ -117,7 +119,7 @@ class Simulator:
     @property
     def control_period(self) -> float:
         """s."""
-        return self.library.timing.control_period
+        return self.library.control_period
 
     def supports(self, feature: str) -> bool:
         """Whether the wire model has `feature`, see `magwire_env.simulation.model.FEATURES`."""
@@ -144,13 +146,16 @@ class Simulator:
     ) -> None:
         """Depart from the scenarios in `lanes` until they are next assigned: factors (n,), shifts (n, magnets, 3) m.
 
-        Raises `ValueError` for numbers that are not finite, before anything is changed.
+        Raises `ValueError` for numbers that are not finite, or factors beyond a thousand, before anything is changed.
         """
         lanes = self._checked_lanes(lanes)
         shift_shape = (len(lanes), self.library.magnet_count, 3)
         given = {"friction": friction, "stiffness": stiffness, "remanence": remanence}
         factors = {name: _numbers(name, value, (len(lanes),), "") for name, value in given.items()}
         shifts = _numbers("placement", placement, shift_shape, "m")
+        for name, factor in factors.items():
+            if factor.size and not (factor.min() >= 0.0 and factor.max() <= 1e3):
+                raise ValueError(f"{name} must lie in [0, 1000], got {factor.min():g} to {factor.max():g}")
         self.rig.vary(lanes, factors.pop("remanence"), shifts)
         self.model.vary(lanes, factors)
 
@@ -176,7 +181,7 @@ class Simulator:
             places = self.model.start(entries)
         elif places is None:
             places = Places(_numbers("tip_arclength", np.asarray(tip_arclength), (n,), "m"))
-        magnet = self.library.home[entries] if magnet is None else self._checked(magnet, n, "magnet")
+        magnet = self.library.home[entries] if magnet is None else self._setting(magnet, n)
         self.lay(lanes, places, magnet)
 
     def lay(self, lanes: np.ndarray, places: Places, magnet: np.ndarray, goals: Places | None = None) -> None:
@@ -195,7 +200,7 @@ class Simulator:
         Feed and twist of a wire's base stay as they are: the wire would have to be another one.
         """
         lanes = np.arange(self.num_envs) if lanes is None else self._checked_lanes(lanes)
-        self.rig.place(lanes, self._checked(magnet, len(lanes), "magnet"))
+        self.rig.place(lanes, self._setting(magnet, len(lanes)))
         self.model.refresh(lanes)
 
     def set_goal(self, lanes: np.ndarray, places: Places | np.ndarray) -> None:
@@ -223,7 +228,8 @@ class Simulator:
 
         command : (num_envs, dof), rad for turns and m for slides; the servos move there at their limited speeds
 
-        Raises `ValueError`, before anything moves, for a command of another shape or that is not finite.
+        Raises `ValueError`, before anything moves, for a command of another shape or that is not finite. Ctrl-C in
+        a step takes effect at its end.
         """
         self.command[:] = self._checked(command, self.num_envs, "command").T
         self.advance()
@@ -231,8 +237,13 @@ class Simulator:
     def advance(self) -> None:
         """`step` under what stands in `command`, unchecked: for callers that write it there themselves."""
         with self._lock:
-            self.model.step()
-            self.time += self._period
+            try:
+                self.model.step()
+            finally:  # an interrupt comes when the wires have moved
+                self.time += self._period
+            if self._some_step_too_long:
+                too_long = self.library.too_long_step[self.lane_scenario]
+                self.readout[ROW.unconverged, : self.num_envs] += self.library.substeps * too_long
 
     def refresh(self, lanes: np.ndarray) -> None:
         """Bring the readout of `lanes` (n,) up to date with their state, goals and parameters."""
@@ -310,155 +321,7 @@ class Simulator:
             self._scratch.assign(np.arange(n), entries)
         return self._scratch
 
-    # --- looking at it ----------------------------------------------------------------------------------------------
-
-    @property
-    def travelled(self) -> np.ndarray:
-        """(n,) m, way from the inlet to the tip along the route."""
-        return self._row(ROW.travelled)
-
-    @property
-    def tip_arclength(self) -> np.ndarray:
-        """(n,) m, as `travelled`: along a tract without branches the two are the same."""
-        return self._row(ROW.travelled)
-
-    @property
-    def remaining(self) -> np.ndarray:
-        """(n,) m, way left along the route to the goal, negative once past it.
-
-        In a wrong branch the way back to the route counts too.
-        """
-        return self._row(ROW.remaining)
-
-    @property
-    def remaining_trace(self) -> np.ndarray:
-        """(n, substeps + 1) m, the way left through the last control period, its start first."""
-        return self.trace[:, : self.num_envs].T.copy()
-
-    @property
-    def route_length(self) -> np.ndarray:
-        """(n,) m, from the inlet along the route to its end."""
-        return self.model.route_length(np.arange(self.num_envs))
-
-    @property
-    def tip_velocity(self) -> np.ndarray:
-        """(n,) m/s, the tip's speed along its way: of the locked wire along the tract."""
-        return self._row(ROW.speed)
-
-    @property
-    def drive_force(self) -> np.ndarray:
-        """(n,) N, the magnets' generalised force along the tip's way, by the scenario's coupling."""
-        return self._row(ROW.drive)
-
-    @property
-    def lateral_force(self) -> np.ndarray:
-        """(n,) N, size of the magnetic force across the tip's way."""
-        return self._row(ROW.lateral)
-
-    @property
-    def tip_torque(self) -> np.ndarray:
-        """(n,) N·m, size of the magnetic torque on the tip."""
-        return self._row(ROW.torque)
-
-    @property
-    def wall_force(self) -> np.ndarray:
-        """(n,) N, on the wall; of the locked wire lateral force plus the couple's two contacts, |F⊥| + 2 τ/lever."""
-        return self._row(ROW.wall)
-
-    @property
-    def peak_wall_force(self) -> np.ndarray:
-        """(n,) N, largest over the substeps of the last control period."""
-        return self._row(ROW.peak_wall)
-
-    @property
-    def mean_wall_force(self) -> np.ndarray:
-        """(n,) N, mean over the substeps of the last control period."""
-        return self._row(ROW.mean_wall)
-
-    @property
-    def peak_lateral_force(self) -> np.ndarray:
-        """(n,) N, largest over the substeps of the last control period."""
-        return self._row(ROW.peak_lateral)
-
-    @property
-    def unconverged(self) -> np.ndarray:
-        """(n,) substeps of the last control period whose solve did not converge; their motion is not to be trusted."""
-        return self._row(ROW.unconverged).astype(np.int64)
-
-    @property
-    def tip_force(self) -> np.ndarray:
-        """(n, 3) N, magnetic force on the tip."""
-        return self._rows(ROW.force_x)
-
-    @property
-    def tip_field(self) -> np.ndarray:
-        """(n, 3) T, flux density at the tip."""
-        return self._rows(ROW.field_x)
-
-    @property
-    def tip_position(self) -> np.ndarray:
-        """(n, 3) m."""
-        return self._rows(ROW.tip_x)
-
-    @property
-    def tip_tangent(self) -> np.ndarray:
-        """(n, 3), the direction of the tip's moment."""
-        return self._rows(ROW.tangent_x)
-
-    @property
-    def magnet(self) -> np.ndarray:
-        """(n, dof) rad or m, where the rig's degrees of freedom are."""
-        return self.rig.q[:, : self.num_envs].T.copy()
-
-    @property
-    def magnet_positions(self) -> np.ndarray:
-        """(n, magnets, 3) m, the magnets' centres as the scenario places them, plus their slides.
-
-        What `vary` shifted them by is not in it: policies, controllers and pictures know the rig as it was set up.
-        """
-        return self.rig.centres()
-
-    @property
-    def positions(self) -> np.ndarray:
-        """(n, nodes, 3) m, tail to tip; NaN where a lane has fewer nodes than the batch's longest wire."""
-        return self.model.positions(np.arange(self.num_envs))
-
-    @property
-    def contact_forces(self) -> np.ndarray:
-        """(n, nodes, 3) N, what the wall exerts on every node; of the locked wire known at the tip alone."""
-        return self.model.node_contact(np.arange(self.num_envs))
-
-    @property
-    def base_force(self) -> np.ndarray:
-        """(n, 3) N, what the feed exerts on the wire; 0 of a wire whose base is free. Models without a base refuse."""
-        require(self.library.scenarios[0], "base", "base_force")
-        return self._rows(ROW.base_force_x)
-
-    @property
-    def base_torque(self) -> np.ndarray:
-        """(n, 3) N·m, what the sleeve exerts on the wire; as `base_force`."""
-        require(self.library.scenarios[0], "base", "base_torque")
-        return self._rows(ROW.base_torque_x)
-
-    @property
-    def inserted_length(self) -> np.ndarray:
-        """(n,) m of wire inside the lumen; as `base_force`."""
-        require(self.library.scenarios[0], "base", "inserted_length")
-        return self._row(ROW.inserted)
-
-    def ahead(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The route's centreline ahead of the tips: offsets (k,) m along it → points (m), unit tangents and curvature
-        vectors κ n (1/m), (n, k, 3) each."""
-        found = self.model.ahead(np.asarray(offsets, dtype=np.float64))
-        return found[..., :3], found[..., 3:6], found[..., 6:]
-
     # --- inside -----------------------------------------------------------------------------------------------------
-
-    def _row(self, row: int) -> np.ndarray:
-        return self.readout[row, : self.num_envs].copy()
-
-    def _rows(self, first: int) -> np.ndarray:
-        return self.readout[first : first + 3, : self.num_envs].T.copy()
 
     def _fits(self, state: SimulatorState) -> None:
         now = self.state(np.zeros(1, dtype=np.int64))
@@ -469,6 +332,7 @@ class Simulator:
                 f"{(len(state), self.dof)}, got {state.wire.shape} and {state.magnet.shape}"
             )
         self._checked_lanes(state.lanes, "state.lanes")
+        self._setting(state.magnet, len(state))
         for name, array in (("wire", state.wire), ("magnet", state.magnet), ("time", state.time)):
             if not np.isfinite(array).all():
                 raise ValueError(f"state.{name} must be finite, got NaN or infinity")
@@ -486,6 +350,16 @@ class Simulator:
             raise ValueError(f"{name} must lie in [0, {self.num_envs - 1}], got {array.tolist()}")
         return array.astype(np.int64, copy=False)
 
+    def _setting(self, value: np.ndarray, n: int) -> np.ndarray:
+        """Where a rig is put, (n, dof) rad, m or A."""
+        array = self._checked(value, n, "magnet")
+        if array.size and np.abs(array).max() > FARTHEST_SETTING:
+            raise ValueError(
+                f"magnet must lie within ±{FARTHEST_SETTING:g} (rad for turns, m for slides), "
+                f"got {array.flat[np.abs(array).argmax()]:g}"
+            )
+        return array
+
     def _checked(self, value: np.ndarray, n: int, name: str) -> np.ndarray:
         array = np.asarray(value, dtype=np.float64)
         if array.shape != (n, self.dof):
@@ -497,6 +371,9 @@ class Simulator:
             )
         return array
 
+
+FARTHEST_SETTING = 1e6
+"""rad, m or A. From farther round, an angle's sine would be lost in rounding."""
 
 _TRIED = (
     ROW.travelled, ROW.remaining, ROW.speed, ROW.drive, ROW.lateral, ROW.torque, ROW.wall, ROW.unconverged,

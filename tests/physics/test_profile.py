@@ -41,11 +41,11 @@ def test_bad_profiles_are_refused_by_name(make, message):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"bending": -1.0}, r"Guidewire\.bending must be greater than 0 everywhere \(in N·m²\), got -1"),
+        ({"bending": -1.0}, r"Guidewire\.bending must lie in \[1e-15, 1e\+06\] everywhere \(in N·m²\), got -1"),
         ({"axial": "stiff"}, r"Guidewire\.axial must be a number \(in N\), got 'stiff'"),
         ({"bending": Profile((0.0, 0.2), (1.0, 1.0))}, r"Guidewire\.bending must have its knots in \[0, 0\.1\] m"),
         ({"curl": 10.0}, r"Guidewire\.twisting must be given \(in N·m²\) for a wire with natural curvature"),
-        ({"outer_radius": 0.0}, r"Guidewire\.outer_radius must be greater than 0"),
+        ({"outer_radius": 0.0}, r"Guidewire\.outer_radius must lie in \[1e-05, 0\.05\] everywhere"),
     ],
 )
 def test_impossible_wires_are_refused_by_name(change, message):

@@ -121,7 +121,7 @@ def main() -> None:
             tested = refined(
                 scenario,
                 options.segments or round(scenario.wire.segments * 0.1 / scenario.wire.length),
-                scenario.timing.control_period / (options.substeps or scenario.timing.substeps),
+                scenario.timing.control_period / (options.substeps or scenario.substeps),
             )
         row = accuracy(tested, commands, reference)
         period = scenario.timing.control_period

@@ -1,8 +1,8 @@
-"""The accuracy at which the free wire's speed is quoted: recorded commands replayed against a converged run, five scenes.
+"""The accuracy at which the free wire's speed is quoted: five scenes, commands replayed against a converged run.
 
-`python -m tests.speed.free_accuracy` prints one row a scene: the largest error of the tip on the way (allowed 0.5 mm) and
-the error of the wall force, a mean over each control period, as an rms over its peak (allowed 15 %). The converged run has
-four times the segments, and steps of 1 ms.
+`python -m tests.speed.free_accuracy` prints one row a scene: the largest error of the tip on the way (allowed 0.5 mm)
+and the error of the wall force, a mean over each control period, as an rms over its peak (allowed 15 %). The converged
+run has four times the segments, and steps of 1 ms.
 """
 
 from __future__ import annotations
@@ -154,7 +154,8 @@ def refined(scene: Scene, finer: float, step: float) -> Scene:
     count = round(finer * scenario.wire.segments)
     feed = scenario.rig.feed
     rig = scenario.rig if feed is None else replace(scenario.rig, feed=replace(feed, low=None))
-    return replace(scene, scenario=scenario.replace(wire__segments=count, timing__free_step=step, rig=rig))
+    substeps = round(scenario.timing.control_period / step)
+    return replace(scene, scenario=scenario.replace(wire__segments=count, timing__substeps=substeps, rig=rig))
 
 
 def record(scene: Scene) -> np.ndarray:
@@ -221,7 +222,8 @@ def main() -> None:
                 row = errors(tested, commands, reference)
                 print(
                     f"| {row.scene} | {tested.scenario.wire.segments} | {1e3 * step:g} ms | {1e3 * row.tip:.2f} mm "
-                    f"| {row.force:.1%} | {1e3 * row.peak:.1f} mN | {row.unconverged} | {'yes' if row.passes else 'no'} |",
+                    f"| {row.force:.1%} | {1e3 * row.peak:.1f} mN | {row.unconverged} "
+                    f"| {'yes' if row.passes else 'no'} |",
                     flush=True,
                 )
 

@@ -91,7 +91,7 @@ def work_precision(refs: list) -> str:
             fine = Scenario.paper().replace(wire__segments=segments, timing__substeps=substeps)
             rows.append((seconds_a_step(fine), segments, substeps, said(worst_accuracy(segments, substeps, refs))))
     default = Scenario.paper()
-    chosen = default.wire.segments, default.timing.substeps
+    chosen = default.wire.segments, default.substeps
     head = ("segments", "substeps", "lane steps/s, one thread, kernel alone", "worst of five scenarios")
     return table(
         head,

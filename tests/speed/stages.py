@@ -116,8 +116,8 @@ def stage_times() -> tuple[dict[str, float], int]:
     """
     core, action = running_batch()
     sim, library = core.sim, core.sim.library
-    model, rig, substeps = sim.model, sim.rig, library.timing.substeps
-    wires, h = model._wires, library.timing.control_period / substeps
+    model, rig, substeps = sim.model, sim.rig, library.substeps
+    wires, h = model._wires, library.control_period / substeps
     w, out, q, _ = (array.copy() for array in model._works[0])
     q[...] = np.pi
     speeds = aligned_zeros(model.nodes, LANES)

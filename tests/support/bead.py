@@ -31,7 +31,8 @@ class Bead:
     ) -> None:
         self.nodes = 1
         self.columns: Mapping[str, slice] = {"place": slice(0, 1)}
-        self._scenarios, self._timing = library.scenarios, library.timing
+        self._scenarios, self._substeps = library.scenarios, library.substeps
+        self._h = library.control_period / library.substeps
         self._rig, self._readout, self._trace = rig, readout, trace
         self._s, self._goal = np.zeros(rig.n), np.zeros(rig.n)
 
@@ -55,10 +56,9 @@ class Bead:
         self._goal[lanes] = places.s
 
     def step(self) -> None:
-        rig, timing, n = self._rig, self._timing, self._rig.n
-        h = timing.control_period / timing.substeps
+        rig, h, n = self._rig, self._h, self._rig.n
         self._trace[0, :n] = self._goal - self._s
-        for k in range(timing.substeps):
+        for k in range(self._substeps):
             most = rig.limits[:, 0, :n] * h
             rig.q[:, :n] += np.clip(rig.command[:, :n] - rig.q[:, :n], -most, most)
             self.refresh(np.arange(n))

@@ -23,9 +23,7 @@ def paper_free(**changes: Any) -> Scenario:
 def soft_wire(length: float = 0.12, segments: int = 24, **changes: Any) -> Guidewire:
     """Radius 0.45 mm, E I 2e-6 N·m², E A 600 N."""
     radius = 0.45e-3
-    wire = Guidewire(
-        length, radius, 600.0 / (math.pi * radius**2), 2e-6 / (math.pi * radius**4 / 4), 1100.0, segments
-    )
+    wire = Guidewire(length, radius, 600.0 / (math.pi * radius**2), 2e-6 / (math.pi * radius**4 / 4), 1100.0, segments)
     return replace(wire, **changes)
 
 

@@ -17,7 +17,7 @@ from ..rig_arrays import RigLanes, aligned_zeros
 from ..threads import cores, share_out
 from . import layout as at
 from . import magnetics, period, ways
-from .library import FreeLibrary
+from .library import FreeLibrary, LayingCurve
 
 __all__ = ["FreeModel"]
 
@@ -42,7 +42,6 @@ class FreeModel:
     ) -> None:
         own: FreeLibrary = library.wires
         self._own, self._rig, self._readout, self._trace = own, rig, readout, trace
-        self._timing = library.timing
         self.nodes, n = own.nodes, rig.n
         blocks = -(-n // LANES)
         self._threads = threads or min(cores(), blocks)
@@ -67,7 +66,7 @@ class FreeModel:
         self._feed, self._twist = rigs.feed, rigs.twist
         self._outside = rigs.dof - (self._feed >= 0) - (self._twist >= 0)
         count = min(max(self._threads, 1), blocks)
-        self._benches = [self._bench(library.timing.substeps, len(rigs.slots)) for _ in range(count)]
+        self._benches = [self._bench(own.steps, len(rigs.slots)) for _ in range(count)]
         self._views = {
             "node": (self._node.reshape(blocks, self.nodes, -1, LANES)),
             "foot": (self._foot.reshape(blocks, self.nodes * own.points, -1, LANES)),
@@ -90,13 +89,10 @@ class FreeModel:
             self.nodes * at.WORK_STRIDE, self.nodes * points * at.LOAD_STRIDE, bodies * magnetics.POSE_STRIDE,
             (substeps + 1) * (at.MARKS + dof) * LANES, dof * 3 * LANES, 2 * dof * LANES, dof * LANES,
         )  # fmt: skip
-        return tuple(
-            period.Bench(
-                *(aligned_zeros(max(size, LANES)) for size in flat), aligned_zeros(max(dof, 1), LANES),
-                aligned_zeros(period.OUT_ROWS, LANES), aligned_zeros(2, LANES), np.zeros((1, 3)), np.zeros((1, KEPT)),
-                np.zeros((1, KEPT), dtype=np.int64), np.zeros((1, KEPT)),
-            )
-        )  # fmt: skip
+        own = [aligned_zeros(max(size, LANES)) for size in flat]
+        own += [aligned_zeros(max(dof, 1), LANES), aligned_zeros(period.OUT_ROWS, LANES), aligned_zeros(2, LANES)]
+        own += [np.zeros((1, 3)), np.zeros((1, KEPT)), np.zeros((1, KEPT), dtype=np.int64), np.zeros((1, KEPT))]
+        return tuple(period.Bench._make(own))
 
     def _columns(self) -> Mapping[str, slice]:
         sizes = {"positions": 3 * self.nodes, "velocities": 3 * self.nodes}
@@ -146,7 +142,7 @@ class FreeModel:
         n, own = len(lanes), self._own
         positions, along = np.zeros((n, self.nodes, 3)), np.zeros((n, self.nodes))
         cells, fed, spare = np.zeros((n, 3)), own.fed[entries], own.first_node[entries]
-        groups = {}
+        groups: dict[int, tuple[LayingCurve, list[int]]] = {}
         for i, (entry, branch) in enumerate(zip(entries.tolist(), places.branch.tolist(), strict=True)):
             curve = own.laying_curve(entry, branch)
             groups.setdefault(id(curve), (curve, []))[1].append(i)
@@ -241,11 +237,11 @@ class FreeModel:
 
     def step(self) -> None:
         """As `WireModel.step`."""
-        drive, found, substeps, n = self._drive, self._rig.magnetics, self._timing.substeps, self._rig.n
+        drive, found, substeps, n = self._drive, self._rig.magnetics, self._own.steps, self._rig.n
 
         def run(blocks: np.ndarray, bench: tuple) -> None:
             period.control_period(
-                blocks, self._own.apart, substeps, n, found, drive, self._batch, self._spin, self._ways, self._trace,
+                blocks, substeps, n, found, drive, self._batch, self._spin, self._ways, self._trace,
                 self._readout, bench,
             )  # fmt: skip
 

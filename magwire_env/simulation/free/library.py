@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from ...lumen.curve import Tract
 from ...lumen.lumen import Lumen
 from ...scenario import Scenario
+from ...scenario.steps import common_substeps
 from .. import centreline
 from ..lanes import LANES
 from . import layout as at
@@ -66,20 +66,22 @@ class FreeLibrary:
     nodes : of the longest wire; the others' spare first nodes idle
     first_node : (entries,), each wire's own first one
     points : contact points a segment; twist : whether the wires twist: both must be those of all scenarios
-    apart, steps : steps of the integration in a substep, in a control period
+    steps : of the integration in a control period
     par : (entries, parameters), wire : (entries, nodes, fields), see `layout`
     walls, ways : the lumens
-    fed : (entries,); low, high, home : (entries,) m of wire that a feed may and does insert; of a free base 0, ∞, length
+    fed : (entries,)
+    low, high, home : (entries,) m of wire that a feed may and does insert; of a free base 0, ∞ and its length
 
     Raises `ValueError` if the scenarios differ in contact points, or in whether their wires twist.
     """
 
     def __init__(self, scenarios: Sequence[Scenario]) -> None:
-        self.points, self.twist = scenarios[0].contact.points, scenarios[0].wire.twisting is not None
+        self.points, self.twist = scenarios[0].contact.per_segment, scenarios[0].wire.twisting is not None
         for i, sc in enumerate(scenarios):
-            if sc.contact.points != self.points:
+            if sc.contact.per_segment != self.points:
                 raise ValueError(
-                    f"scenario[{i}].contact.points must be that of the batch, {self.points}, got {sc.contact.points}"
+                    f"scenario[{i}].contact.per_segment must be that of the batch, {self.points}, "
+                    f"got {sc.contact.per_segment}"
                 )
             if (sc.wire.twisting is not None) != self.twist:
                 raise ValueError(
@@ -89,9 +91,7 @@ class FreeLibrary:
         self._scenarios = scenarios
         self.nodes = max(sc.wire.segments for sc in scenarios) + 1
         self.first_node = self.nodes - 1 - np.array([sc.wire.segments for sc in scenarios])
-        timing = scenarios[0].timing
-        self.apart = max(1, math.ceil(timing.control_period / timing.substeps / timing.free_step - 1e-9))
-        self.steps = timing.substeps * self.apart
+        self.steps = common_substeps(scenarios)
         self.walls = Walls(scenarios)
         self.par = np.array([_parameters(sc, self.steps) for sc in scenarios])
         known = ~np.isnan(self.walls.fields)
@@ -172,12 +172,14 @@ def _ways(lumens: Sequence[Lumen]) -> Ways:
             kept.append(array)
     table, course = centreline.tables(tracts)
     joined = [np.ascontiguousarray(np.concatenate(kept)) for kept in tables]
-    return Ways(
-        np.array([first[lumen] for lumen in lumens]),
-        np.array([len(lumen.branches) for lumen in lumens]),
-        np.array(columns["parent"], dtype=np.int64),
-        *(np.array(columns[name], dtype=np.float64) for name in ("start", "begin", "length")),
-        np.ascontiguousarray(course, dtype=np.float64),
-        table,
-        *joined,
+    return Ways._make(
+        [
+            np.array([first[lumen] for lumen in lumens]),
+            np.array([len(lumen.branches) for lumen in lumens]),
+            np.array(columns["parent"], dtype=np.int64),
+            *(np.array(columns[name], dtype=np.float64) for name in ("start", "begin", "length")),
+            np.ascontiguousarray(course, dtype=np.float64),
+            table,
+            *joined,
+        ]
     )

@@ -171,7 +171,7 @@ def way(block, count, ways, batch, bench):
         left = remaining(ways, entry, b, s, goal, batch.goal[lane])
         o[ROW.remaining, l] = left
         o[ROW.travelled, l] = s
-        if ways.count[entry] > 1:
+        if ways.branches[entry] > 1:
             o[ROW.travelled, l] = ways.begin[first + goal] + batch.goal[lane] - left
         _, t, _ = curve_at(s, ways.course[first + b], ways.table)
         size = 1.0 / math.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2])
@@ -226,10 +226,9 @@ def at_mark(block, count, number, rig, drive, batch, ways, bench):
 
 
 @kernel
-def control_period(blocks, apart, substeps, n, magnetics, drive, batch, spin, ways, trace, readout, bench):
+def control_period(blocks, substeps, n, magnetics, drive, batch, spin, ways, trace, readout, bench):
     """One control period of some blocks.
 
-    apart : steps of the integration in a substep
     n : lanes of the batch
     magnetics, drive, batch, ways, bench : fields of `Magnetics`, `Drive`, `Batch`, `Ways`, `Bench`
     spin : directors, or None
@@ -251,14 +250,14 @@ def control_period(blocks, apart, substeps, n, magnetics, drive, batch, spin, wa
                 block, points, batch.magnetic, row(batch.par, block), row(batch.wire, block), lane,
                 row(batch.node, block), None, row(batch.foot, block), batch.table, batch.grid, bench.dofs,
                 drive.is_turn, rig.slots, row(drive.magnets, block), drive.clouds, rig.cloud_of, rig.sources, bench.q,
-                bench.command, bench.work, bench.loads, bench.pose, bench.marks, apart,
+                bench.command, bench.work, bench.loads, bench.pose, bench.marks, 1.0,
             )  # fmt: skip
         else:
             run_block(
                 block, points, batch.magnetic, row(batch.par, block), row(batch.wire, block), lane,
                 row(batch.node, block), row(spin, block), row(batch.foot, block), batch.table, batch.grid, bench.dofs,
                 drive.is_turn, rig.slots, row(drive.magnets, block), drive.clouds, rig.cloud_of, rig.sources, bench.q,
-                bench.command, bench.work, bench.loads, bench.pose, bench.marks, apart,
+                bench.command, bench.work, bench.loads, bench.pose, bench.marks, 1.0,
             )  # fmt: skip
         peak = spread(0.0)
         for number in range(substeps):

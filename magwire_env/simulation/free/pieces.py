@@ -67,7 +67,8 @@ def wire_rows(pieces: Pieces, nodes: int) -> np.ndarray:
         rows[spare : spare + count, field // LANES] = value
     rows[:spare, at.REST // LANES] = pieces.rest[0]
     rows[-1, at.REST // LANES] = pieces.rest[-1]
-    rows[rows[:, at.RADIUS // LANES] == 0.0, at.RADIUS // LANES] = pieces.radius[0] if np.ndim(pieces.radius) else 1e-4
+    bare = rows[:, at.RADIUS // LANES] == 0.0
+    rows[bare, at.RADIUS // LANES] = np.ravel(pieces.radius)[0]
     return rows
 
 

@@ -24,7 +24,7 @@ _PREFERRED = 10.0
 class Ways(NamedTuple):
     """The trees of a batch's scenarios.
 
-    first, count : (entries,) a lumen's first branch, and how many
+    first, branches : (entries,) a lumen's first branch, and how many
     parent : (branches,) within the lumen, −1 for the trunk
     start : (branches,) m on the parent, at which a branch leaves it
     begin : (branches,) m from the inlet to the branch's start
@@ -35,7 +35,7 @@ class Ways(NamedTuple):
     """
 
     first: np.ndarray
-    count: np.ndarray
+    branches: np.ndarray
     parent: np.ndarray
     start: np.ndarray
     begin: np.ndarray
@@ -81,9 +81,9 @@ def place_of(ways, entry, goal, x, y, z, guess, point, depth, branch, arc):
     point (1, 3), depth, branch, arc (1, KEPT) : to work in
     """
     first = ways.first[entry]
-    if ways.count[entry] == 1:
+    if ways.branches[entry] == 1:
         return 0, foot_of(ways, first, x, y, z, guess)
-    last = first + ways.count[entry]
+    last = first + ways.branches[entry]
     point[0, 0], point[0, 1], point[0, 2] = x, y, z
     deepest(
         point, ways.curve, ways.radius, ways.rows[first:last], ways.spacing[first:last], ways.balls, ways.chunks,

@@ -363,12 +363,13 @@ class FreeWires:
         """One control period."""
 
         def run(blocks: np.ndarray, work: list[np.ndarray]) -> None:
+            rest = (*work, NO_MARKS, 1.0)
             for b in blocks:
                 stepper.run_block(
                     b, self.points, self.magnetic, self._par[b], self._wire[b], self._lane[b], self._node[b],
                     None if self._spin is None else self._spin[b], self._foot[b], self.table, self.grid, self._dofs[b],
                     self.is_turn, self.rig, self._magnets[b], self.clouds, self.cloud_of, self.sources, self._q[b],
-                    self._command[b], work[0], work[1], work[2], NO_MARKS, 1.0,
+                    self._command[b], *rest,
                 )  # fmt: skip
 
         share_out(run, np.arange(self.blocks), self._workspaces, self.threads)  # type: ignore[arg-type]

@@ -464,6 +464,16 @@ def update(nodes, s, v, half):
 
 
 @kernel
+def crossings(nodes, wire, s):
+    """1 in the lanes where a node has passed the next one, which no wire can do, else 0. Idle nodes have no mass."""
+    crossed = spread(0.0)
+    for i in range(nodes - 1):
+        passed = (load(s, i) >= load(s, i + 1)) & (load(wire, i, WIRE.mass) > 0.0)
+        crossed = where(passed, 1.0, crossed)
+    return crossed
+
+
+@kernel
 def control_period(blocks, substeps, h, spare, rig, actuators, wires, trace, readout, work):
     """Move `blocks` through one control period of `substeps` steps of `h` s, in place.
 
@@ -506,7 +516,7 @@ def control_period(blocks, substeps, h, spare, rig, actuators, wires, trace, rea
         store(o, ROW.peak_wall, peak_wall)
         store(o, ROW.mean_wall, sum_wall / substeps)
         store(o, ROW.travel, travel)
-        store(o, ROW.unconverged, unconverged)
+        store(o, ROW.unconverged, unconverged + crossings(nodes, wire, s))
         for d in range(dof):
             store(q, d, lane, load(angles, d))
         publish(o, load(s, tip), load(v, tip), goal, len(ROW), readout, lane)
@@ -535,6 +545,29 @@ def refresh(blocks, rig, wires, q, readout, work):
         tip_pose(s, par, wires.table, o)
         magnetic_force(block, par, rig, angles, o)
         publish(o, s, v, load(wires.goal, lane), OF_STATE, readout, lane)
+
+
+@kernel
+def settle(blocks, steps, h, spare, rig, q, wires, work):
+    """Let the tensions of wires that lie at rest build up: `steps` steps of `h` s, too short to move them far.
+
+    Friction at a node needs the tension beside it. A wire laid without stretch has none, so a stiff wire would slide
+    freely through its whole first step. Arguments as above; q : (dof, lanes), the rig stands still.
+    """
+    rig, wires, work = Magnetics(*rig), Wires(*wires), Work(*work)
+    o, w, angles, nodes = work.out, work.solve, work.q, wires.s.shape[1]
+    for block in blocks:
+        par, wire, lane = row(wires.par, block), row(wires.wire, block), block * LANES
+        s, v = row(wires.s, block), row(wires.v, block)
+        for d in range(q.shape[0]):
+            store(angles, d, load(q, d, lane))
+        for _ in range(steps):
+            friction_of_speed(w, nodes, par, v)
+            tip_pose(load(s, nodes - 1), par, wires.table, o)
+            magnetic_force(block, par, rig, angles, o)
+            joint_forces(w, nodes, spare, wire, par, wires.table, o, s, v, h)
+            integrate(w, nodes, par, v)
+            update(nodes, s, v, h)
 
 
 @kernel

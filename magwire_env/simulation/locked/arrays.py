@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from ...scenario import Scenario
+from ...scenario.steps import common_substeps, is_stiff
 from .. import centreline
 from ..lanes import LANES
 from ..library import Library
@@ -20,12 +21,16 @@ from .algorithm1 import PAR, WIRE
 
 __all__ = ["LockedLibrary", "LockedWires"]
 
+SETTLING = 20
+"""A stiff wire that is laid settles for half a step of motion, in steps of a twentieth."""
+
 
 class LockedLibrary:
     """Wires and tracts of a batch's scenarios as rows of kernel parameters, one an entry, sized to the longest wire.
 
     nodes : of the longest wire; the others' spare first nodes idle
     first_node : (entries,), each wire's own first one
+    stiff : (entries,), whether bends throw the wire about, so that friction needs its static tensions from the start
     table : flat, all tracts' tables
     par : (entries, `Course` and `Parameter`)
     wire : (entries, nodes, `WireField`)
@@ -35,11 +40,13 @@ class LockedLibrary:
         self.nodes = max(sc.wire.segments for sc in scenarios) + 1
         self.first_node = self.nodes - 1 - np.array([sc.wire.segments for sc in scenarios])
         self.spare = int(self.first_node.max())
+        self.stiff = np.array([is_stiff(sc) for sc in scenarios])
         self.wire_length = np.array([sc.wire.length for sc in scenarios])
         self.tract_length = np.array([sc.tract.length for sc in scenarios])
         self.table, self.course = centreline.tables([sc.tract for sc in scenarios])
         self.par = np.hstack([self.course, [_parameters(sc) for sc in scenarios]])
-        self.wire = np.array([_wire_rows(sc, self.nodes) for sc in scenarios])
+        substeps = common_substeps(scenarios)
+        self.wire = np.array([_wire_rows(sc, self.nodes, sc.timing.control_period / substeps) for sc in scenarios])
 
     def ahead(self, entries: np.ndarray, tips: np.ndarray, offsets: np.ndarray) -> np.ndarray:
         """Points, tangents and p'', (n, k, 9), at arc lengths `tips` (n,) + `offsets` (k,) m."""
@@ -65,7 +72,8 @@ class LockedWires:
         self.columns: Mapping[str, slice] = {
             "arclengths": slice(0, self.nodes), "velocities": slice(self.nodes, 2 * self.nodes),
         }  # fmt: skip
-        self._timing, self._rig, self._threads = library.timing, rig, threads
+        self._rig, self._threads = rig, threads
+        self._substeps, self._h = library.substeps, library.control_period / library.substeps
         self._readout, self._trace = readout, trace
         blocks = -(-rig.n // LANES)
         self._par = aligned_zeros(blocks, a1.PAR_ROWS, LANES)
@@ -92,7 +100,7 @@ class LockedWires:
             for field in (PAR.friction, PAR.moment, PAR.gravity_x, PAR.gravity_y, PAR.gravity_z):
                 self._par[-1, field, -spare:] = 0.0
             lanes = np.arange(self._rig.n, self._rig.n + spare)
-            self.lay(lanes, Places(np.full(spare, self._own.wire_length[0])))
+            self._unstretched(lanes, np.full(spare, self._own.wire_length[0]))
 
     def take(self, lanes: np.ndarray, entries: np.ndarray) -> None:
         """As `WireModel.take`."""
@@ -112,8 +120,30 @@ class LockedWires:
         return Places(self._own.wire_length[entries])
 
     def lay(self, lanes: np.ndarray, places: Places) -> None:
-        """As `WireModel.lay`: every segment's chord at its rest length."""
-        a1.lay_at_rest(lanes, np.ascontiguousarray(places.s), self._wires, *self._laying)
+        """As `WireModel.lay`: every segment's chord at its rest length, of stiff wires at its static tension."""
+        self._unstretched(lanes, places.s)
+        stiff = lanes[self._own.stiff[self._rig.entry[lanes]]]
+        if stiff.size:
+            self._settle(stiff)
+
+    def _unstretched(self, lanes: np.ndarray, tips: np.ndarray) -> None:
+        a1.lay_at_rest(lanes, np.ascontiguousarray(tips), self._wires, *self._laying)
+
+    def _settle(self, lanes: np.ndarray) -> None:
+        """Run `algorithm1.settle` on `lanes`; tips stay where they are, and so do the other lanes of their blocks."""
+        block, lane = np.divmod(lanes, LANES)
+        tips = self._s[block, -1, lane].copy()
+        blocks = np.unique(block)
+        others = np.ones((len(blocks), LANES), dtype=bool)
+        others[np.searchsorted(blocks, block), lane] = False
+        of, at = np.nonzero(others)
+        kept = self._s[blocks[of], :, at], self._v[blocks[of], :, at]
+        h = self._h / SETTLING
+        rig, work = self._rig, self._works[0]
+        a1.settle(blocks, SETTLING // 2, h, self._own.spare, rig.magnetics, rig.q, self._wires, work)
+        self._s[blocks[of], :, at], self._v[blocks[of], :, at] = kept
+        self._s[block, :, lane] += (tips - self._s[block, -1, lane])[:, None]
+        self._v[block, :, lane] = 0.0
 
     def set_goal(self, lanes: np.ndarray, places: Places) -> None:
         """As `WireModel.set_goal`."""
@@ -121,8 +151,7 @@ class LockedWires:
 
     def step(self) -> None:
         """As `WireModel.step`."""
-        rig, substeps = self._rig, self._timing.substeps
-        h, spare = self._timing.control_period / substeps, self._own.spare
+        rig, substeps, h, spare = self._rig, self._substeps, self._h, self._own.spare
 
         def run(blocks: np.ndarray, work: tuple) -> None:
             a1.control_period(
@@ -196,8 +225,10 @@ def _parameters(sc: Scenario) -> np.ndarray:
     return row[a1.FIRST_PARAMETER :]
 
 
-def _wire_rows(sc: Scenario, nodes: int) -> np.ndarray:
-    """(nodes, `WireField`): mass, drag twice, springs, rest length. End nodes carry half a segment.
+def _wire_rows(sc: Scenario, nodes: int, h: float) -> np.ndarray:
+    """(nodes, `WireField`): mass, drag twice (for steps of `h` s), springs, rest length.
+
+    End nodes carry half a segment.
 
     Spare nodes have no weight, so nothing rubs them, and a drag that keeps them at rest.
     """
@@ -210,7 +241,7 @@ def _wire_rows(sc: Scenario, nodes: int) -> np.ndarray:
     drag = share * sc.contact.drag * wire.segment_length
     # Weighting the new against the old speed so that free decay is exact (exponential fitting): a half for small
     # steps, one for drag so strong that the motion is quasi-static.
-    decay = np.maximum(sc.timing.control_period / sc.timing.substeps * drag / rows[:, WIRE.mass], 1e-6)
+    decay = np.maximum(h * drag / rows[:, WIRE.mass], 1e-6)
     weight = np.where(decay < 1e-3, 0.5 + decay / 12, 1 / -np.expm1(-decay) - 1 / decay)
     rows[:, WIRE.drag_new], rows[:, WIRE.drag_old] = drag * weight, drag * (1 - weight)
     rows[first:-1, WIRE.k_axial] = wire.axial_spring

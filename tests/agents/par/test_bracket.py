@@ -54,7 +54,7 @@ def test_a_targets_bound_is_the_entry_and_the_whole_periods_of_the_hold():
     """Equation 8 of docs/par.md, by counting: no fewer periods let the tip be inside for the whole hold."""
     starts = begun("MagWire/Reach-v0", 20)
     found, task, period = least_times(starts), starts.task, starts.period
-    substep = period / starts.library.timing.substeps
+    substep = period / starts.library.substeps
     fastest = {direction: Fastest(starts.library.scenarios[0], direction) for direction in (1, -1)}
     for i in range(20):
         direction = 1 if starts.goal[i] > starts.tip[i] else -1
