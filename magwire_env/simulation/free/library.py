@@ -22,8 +22,11 @@ __all__ = ["FreeLibrary", "LayingCurve"]
 _FORCE_TOLERANCE = 0.1
 """Largest imbalance of a node after a step, in units of the smallest E I over the wire's length squared."""
 
-_MOVE_TOLERANCE = 1e-3
+_MOVE_TOLERANCE = 1e-4
 """Largest correction that is no longer made, in segment lengths."""
+
+_DRIFT = 1e-4
+"""And never more than would move a free node by this share of a segment in a step, against its inertia and drag."""
 
 _FEED_STIFFNESS = 1e5
 """N/m, of the drive behind the wire."""
@@ -119,12 +122,15 @@ def _parameters(sc: Scenario, steps: int) -> np.ndarray:
     trunk = sc.tree.trunk.curve
     inlet, along = trunk.position(0.0), trunk.tangent(0.0)
     narrowest = sc.tree.narrowest[0]
+    step, piece = sc.timing.control_period / steps, wire.segment_length
+    line = wire.density * wire.area if wire.mass_per_length is None else wire.mass_per_length.least
+    drift = _DRIFT * piece * piece * (line / step**2 + contact.drag / step)
     fields = {
         "GX": sc.gravity[0], "GY": sc.gravity[1], "GZ": sc.gravity[2],
-        "STEP": sc.timing.control_period / steps, "STEPS": steps, "FRICTION": contact.friction,
+        "STEP": step, "STEPS": steps, "FRICTION": contact.friction,
         "STICK": contact.stick_speed, "WALL": contact.stiffness, "TIP_CAP": wire.radius,
         "MOST_MOVE": min(2.0 * narrowest, wire.segment_length), "PATIENCE": _PATIENCE, "MEMORY": 1.0,
-        "FORCE_TOLERANCE": _FORCE_TOLERANCE * softest / wire.length**2,
+        "FORCE_TOLERANCE": min(_FORCE_TOLERANCE * softest / wire.length**2, drift),
         "MOVE_TOLERANCE": _MOVE_TOLERANCE * wire.segment_length,
         "BASE_X": inlet[0], "BASE_Y": inlet[1], "BASE_Z": inlet[2],
         "BASE_TX": along[0], "BASE_TY": along[1], "BASE_TZ": along[2], "TIP_TX": 1.0,

@@ -177,7 +177,7 @@ def point_to_line(_: Size) -> list[Row]:
         wires.loads(forces)
         for stiffness in (1e5, 1e6, 1e7, 1e8):
             wires.par("WALL", stiffness)
-            for _ in range(3):
+            for _k in range(3):
                 wires.step()
         if wires.lane("FAILED").any():
             raise RuntimeError("point to line: a rod has not come to rest")
@@ -231,7 +231,7 @@ def sliding(_: Size) -> list[Row]:
     friction, push = (np.array(column) for column in zip(*cases, strict=True))
     wires.par("FRICTION", friction)
     wires.wire("FORCE_X", push[:, None] * np.asarray(pieces.mass))
-    for _ in range(10):
+    for _k in range(10):
         wires.step()
     speed = wires.velocities[:, :, 0]
     kinetic = 0.5 * (speed**2 * np.asarray(pieces.mass)).sum(axis=1)

@@ -44,8 +44,7 @@ def _scenario(model: str, clearance: float, segments: int, stiffness: float) -> 
     paper = Scenario.paper()
     tract = Tract(paper.tract.points, paper.wire.radius + clearance, paper.tract.closed)
     above = paper.tract.position(0.22) + [0.0, 0.0, 0.08]
-    place = float(above[0]), float(above[1]), float(above[2])
-    magnet = dataclasses.replace(paper.rig.magnets[0], position=place)
+    magnet = dataclasses.replace(paper.rig.magnets[0], position=(float(above[0]), float(above[1]), float(above[2])))
     return paper.replace(
         tract=tract, model=model, coupling="wrench", wire__segments=segments, rig=Rig((magnet,)),
         contact__friction=0.0, contact__stiffness=stiffness, timing=Timing(0.1, 50 if model == "free" else 10),

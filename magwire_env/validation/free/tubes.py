@@ -64,7 +64,7 @@ def floor(_: Size) -> list[Row]:
     load = math.sqrt(2) * critical * factors
     wires = _on_the_floor(200, load, drag=0.1)
     _wind(wires, 0.05 * _waves(wires.nodes))
-    for _ in range(80):
+    for _k in range(80):
         wires.step()
     x = wires.positions[:, 10:-10]
     height = np.degrees(np.abs(np.arctan2(x[..., 1], -x[..., 2])).max(axis=1))
@@ -73,7 +73,7 @@ def floor(_: Size) -> list[Row]:
     rows += [at_least("F15 wave under 1.2 of the helical load: climbs to", "°", 90.0, source, float(height[3]))]
     wires = _on_the_floor(200, load, drag=0.1)
     _wind(wires, np.sqrt(load / (2 * BENDING))[:, None] * np.linspace(0.0, LENGTH, wires.nodes))
-    for _ in range(80):
+    for _k in range(80):
         wires.step()
     turns = _turns(wires)
     rows += [at_most("F15 helix under 0.8 of the helical load: turns left", "", 0.5, source, float(turns[0]))]

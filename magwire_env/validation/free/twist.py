@@ -167,8 +167,8 @@ def helix(c1: float, c2: float, bends: np.ndarray, segments: int, ratio: float) 
     middle -= (middle * e).sum(axis=-1, keepdims=True) * e
     middle /= np.linalg.norm(middle, axis=-1, keepdims=True)
     pieces = straight(segments, twisting=ratio, drag=100.0, radius=1e-2)
-    ends = ((tangent[:, i], director[:, i]) for i in (0, -1))
-    wires = held_at_both_ends(pieces, x + wobble(segments, 1e-5), middle, *ends, step=0.05)
+    base, tip = ((tangent[:, i], director[:, i]) for i in (0, -1))
+    wires = held_at_both_ends(pieces, x + wobble(segments, 1e-5), middle, base, tip, step=0.05)
     wires.wire("REST", np.concatenate([chord, chord[:, -1:]], axis=1))
     return wires
 
