@@ -6,7 +6,6 @@ import warnings
 from typing import Any
 
 import numpy as np
-from scipy.stats import qmc
 
 from ..physics.checks import one_of
 from .problem import Problem
@@ -32,7 +31,9 @@ def search(problem: Problem, x: np.ndarray, method: str, samples: int, polished:
 def _spread(problem: Problem, x: np.ndarray, samples: int, polished: int, seed: int) -> np.ndarray:
     points = np.tile(x, (samples, 1))
     n = problem.count
-    unit = qmc.LatinHypercube(n, rng=np.random.default_rng(seed)).random(samples)
+    rng = np.random.default_rng(seed)
+    strata = rng.permuted(np.tile(np.arange(samples), (n, 1)), axis=1).T  # a Latin hypercube
+    unit = (strata + rng.random((samples, n))) / samples
     points[:, :n] = problem.low[:n] + unit * (problem.high - problem.low)[:n]
     points = np.vstack([x, points])
     # Huber's loss ranks starts: far from the truth, a few moments tell little more than that it is far.

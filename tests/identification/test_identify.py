@@ -32,7 +32,8 @@ def test_intervals_hold_the_values_and_are_narrow(found):
         interval = found.interval(parameter.name)
         assert interval.low < value < interval.high
         assert interval.high - interval.low < 0.3 * value
-        assert not (interval.open_low or interval.open_high)
+        assert not interval.open_low
+        assert not interval.open_high
 
 
 def test_profile_and_laplace_agree_where_the_data_are_plenty(found):
