@@ -49,5 +49,5 @@ $(VENV)/train.stamp: pyproject.toml constraints.txt
 	touch $@
 
 $(VENV)/test.stamp: $(VENV)/train.stamp
-	$(PIP) --editable '.[train,test,view]'
+	$(PIP) --editable '.[train,test,view,cluster]'
 	touch $@
