@@ -29,11 +29,13 @@ _STYLES: dict[str, tuple[str, str]] = {
     "ppo": ("#882255", "--"),
     "sac": ("#332288", "--"),
     "tqc": ("#999933", "--"),
-    "crossq": ("#DDAA33", "--"),
+    "crossq": ("#EE3377", "--"),
     "stacked_ppo": (BROWN, "--"),
     "ConstantRotation": (GREY, ":"),
     "Random": (SKY, ":"),
 }
+_STEPS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10)
+"""Ticks of the learning curves, in millions of steps."""
 _MARKERS = {"-": "o", "--": "s", ":": "x"}
 _RELIABLE, _SHOWN = 0.9, 0.5
 """Least success of a policy that counts for the Pareto front, and of one that is drawn beside it."""
@@ -186,6 +188,9 @@ def _curves(pair: Any, entries: list[dict[str, Any]], first: bool) -> None:
             panel.fill_between(steps, low, high, color=colour, alpha=0.15, linewidth=0)
     for panel in pair:
         panel.set_xscale("log")  # learners differ by a hundred in the steps they take
+        ticks = [x for x in _STEPS if 0.8 * min(panel.get_xlim()) <= x <= 1.2 * max(panel.get_xlim())]
+        panel.set_xticks(ticks, [f"{x:g}" for x in ticks])
+        panel.set_xticks([], minor=True)
     pair[0].set(title=entries[0]["arena"], ylim=(-3, 103), ylabel="success [%]" if first else "")
     name = "reward" if tracking else "median time [s]" if first else ""
     pair[1].set(xlabel="steps [millions]", ylabel=name)
