@@ -18,6 +18,14 @@ _FIT = (0.4, 1.8)
 """A branch's direction is fitted between these lengths behind its mouth, in its radii."""
 
 
+_FLARE = 1.5
+"""A branch's mouth is at most this many times as wide as the branch behind it."""
+
+
+_SHARP = 0.8
+"""rad: a course does not turn by more from one of its points to the next."""
+
+
 @dataclass
 class Line:
     """A centreline: its points (n, 3) and radii (n,), from its parent's line outwards.
@@ -42,8 +50,21 @@ def joined(surface: Surface, lines: list[Line]) -> list[Line]:
         made.append(_past_mouths(surface, line, [b for b in beyond if b is not None and b.parent == k]))
     for k, line in enumerate(made):
         if line.parent >= 0:
-            made[k] = _led(made[line.parent], line)
-    return made
+            made[k] = _led(surface, made[line.parent], line)
+    return [_straightened(line) for line in made]
+
+
+def _straightened(line: Line) -> Line:
+    """The line without inner points at which its course turns back."""
+    points, radii = line.points, line.radii
+    while len(points) > 2:
+        step = np.diff(points, axis=0)
+        step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-300)
+        turn = np.arccos(np.clip((step[1:] * step[:-1]).sum(axis=1), -1, 1))
+        if turn.max() < 1.5 * _SHARP:
+            break
+        points, radii = np.delete(points, turn.argmax() + 1, axis=0), np.delete(radii, turn.argmax() + 1)
+    return Line(points, radii, line.parent)
 
 
 def _beyond(parent: Line, line: Line) -> Line:
@@ -86,8 +107,34 @@ def _past_mouths(surface: Surface, line: Line, mouths: list[Line]) -> Line:
         own = np.clip(width, low, high)
         move = np.clip(_as_far(surface, p, away, own) - own, -0.3 * own, 0.3 * own)
         points[inner] = p + move[:, None] * away
-    radii[inner] = np.minimum(surface.closest(points[inner])[0], 1.05 * own)
+    points = _without_kinks(_finer(line, mouths)[0], points, inner)
+    radii[inner] = surface.closest(points[inner])[0]
     return Line(points, radii, line.parent)
+
+
+def _without_kinks(before: np.ndarray, points: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    """The moved points; a stretch whose course now turns sharply is moved more evenly, or not at all."""
+    numbers = np.flatnonzero(inner)
+    points = points.copy()
+    for piece in np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1):
+        around = slice(max(piece[0] - 2, 0), piece[-1] + 3)
+        move = points[piece] - before[piece]
+        for _ in range(4):
+            if _sharpest_turn(points[around]) < _SHARP:
+                break
+            wider = np.vstack([np.zeros(3), move, np.zeros(3)])
+            move = (wider[:-2] + 2 * wider[1:-1] + wider[2:]) / 4
+            points[piece] = before[piece] + move
+        else:
+            points[piece] = before[piece]
+    return points
+
+
+def _sharpest_turn(points: np.ndarray) -> float:
+    """The largest turn from one step to the next, rad."""
+    step = np.diff(points, axis=0)
+    step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-300)
+    return float(np.arccos(np.clip((step[1:] * step[:-1]).sum(axis=1), -1, 1)).max(initial=0.0))
 
 
 def _as_far(surface: Surface, points: np.ndarray, way: np.ndarray, radius: np.ndarray) -> np.ndarray:
@@ -146,12 +193,20 @@ def _course(parent: Line, line: Line) -> tuple[int, np.ndarray]:
     return begin, ahead if ahead @ (piece[-1] - piece[0]) > 0 else -ahead
 
 
-def _led(parent: Line, line: Line) -> Line:
-    """A branch with a straight first piece from its parent's axis, in the direction it has just behind its mouth."""
+def _led(surface: Surface, parent: Line, line: Line) -> Line:
+    """A branch with a straight first piece from its parent's axis, in the direction it has just behind its mouth.
+
+    Its radius there is that of the balls that fit in, and at most `_FLARE` of that behind the mouth.
+    """
     begin, ahead = _course(parent, line)
     start, radius = _meeting(parent, line.points[begin], ahead)
-    points = np.concatenate([start[None], line.points[begin:]])
-    return Line(points, np.concatenate([[min(radius, line.radii[begin])], line.radii[begin:]]), line.parent)
+    way = line.points[begin] - start
+    count = max(2, round(float(np.linalg.norm(way)) / (0.4 * line.radii[begin])))
+    lead = start + np.arange(count)[:, None] / count * way
+    wide = surface.closest(lead)[0]
+    wide[0] = min(wide[0], radius)
+    wide = np.minimum(wide, _FLARE * line.radii[begin])
+    return Line(np.concatenate([lead, line.points[begin:]]), np.concatenate([wide, line.radii[begin:]]), line.parent)
 
 
 def _meeting(parent: Line, point: np.ndarray, ahead: np.ndarray) -> tuple[np.ndarray, float]:

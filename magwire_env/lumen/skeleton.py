@@ -136,16 +136,14 @@ def _shrunk(tree: KDTree, points: np.ndarray, normals: np.ndarray, radius: np.nd
     for _ in range(12):
         centre = points - radius[:, None] * normals
         gap, at = tree.query(centre)
-        smaller = gap < 0.98 * radius
+        other = tree.data[at] - points
+        chord, along = np.linalg.norm(other, axis=1), -(other * normals).sum(axis=1)
+        steep = along > 0.15 * chord
+        fit = np.where(steep, chord**2 / np.maximum(2 * along, 1e-12 * chord + 1e-300), 3.0 * chord)
+        smaller = (gap < radius) & (chord > 0) & (fit < 0.98 * radius)
         if not smaller.any():
             break
-        other = tree.data[at] - points
-        square, along = (other**2).sum(axis=1), -(other * normals).sum(axis=1)
-        fit = square / np.maximum(2 * along, 1e-12 * np.sqrt(square) + 1e-300)
-        radius = np.where(smaller & (along > 0.15 * np.sqrt(square)), np.minimum(radius, fit), radius)
-        radius = np.where(
-            smaller & (along <= 0.15 * np.sqrt(square)), np.minimum(radius, 3.0 * np.sqrt(square)), radius
-        )
+        radius = np.where(smaller, fit, radius)
     return radius
 
 

@@ -26,6 +26,9 @@ _PARTS = 3
 _HIDDEN = 2e-3
 """A wall point counts as inside another tube if it lies deeper in it than this share of the radius."""
 
+_RING = 16
+"""Directions about the centreline in which a wall is looked for where no crease is near."""
+
 _ON_AXIS = 1e-8
 """Nearer than this to a centreline, m, no direction leads away from it: the arc length is known to no better."""
 
@@ -119,6 +122,7 @@ class Tubes:
         crease, on_crease = self._from_creases(xyz[hidden])
         closer = crease < nearest
         nearest[closer], at[closer] = crease[closer], on_crease[closer]
+        self._round_about(xyz, found, hidden, nearest, at)
         known = np.isfinite(nearest)
         hidden, nearest, at = hidden[known], nearest[known], at[known]
         distance[hidden] = nearest
@@ -145,6 +149,19 @@ class Tubes:
             r[mine] = self.branches[b].radius(arc[mine])
         return r
 
+    def _ring(self, branch: np.ndarray, arc: np.ndarray, angle: float) -> np.ndarray:
+        """Unit vectors from centreline points to their balls' wall points, at an angle about the centreline, (n, 3)."""
+        out = np.zeros((len(branch), 3))
+        for b in np.unique(branch):
+            mine = branch == b
+            t = self.branches[b].curve.tangent(arc[mine])
+            lean = np.clip(self.branches[b].radius_slope(arc[mine]), -0.999, 0.999)[:, None]
+            n1 = np.cross(t, np.eye(3)[np.abs(t).argmin(axis=1)])
+            n1 /= np.linalg.norm(n1, axis=1, keepdims=True)
+            ring = np.cos(angle) * n1 + np.sin(angle) * np.cross(t, n1)
+            out[mine] = np.sqrt(1 - lean**2) * ring - lean * t
+        return out
+
     def _foot_hidden(self, xyz: np.ndarray, found: Depths, which: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Whether the wall point nearest to each of the points `which` on their k-th tube lies inside some tube; it."""
         branch, arc = found.branch[which, k], found.arc[which, k]
@@ -152,10 +169,30 @@ class Tubes:
             return np.zeros(0, dtype=bool), np.zeros((0, 3))
         outward, centre = self._outward(xyz[which], branch, arc)
         lost = np.linalg.norm(outward, axis=1) == 0.0
-        outward[lost] = _across(self.branches, branch[lost], arc[lost])
+        outward[lost] = self._ring(branch[lost], arc[lost], 0.0)
         r = self._radii(branch, arc)
         feet = centre + r[:, None] * outward
         return self.depths(feet).depth[:, 0] > _HIDDEN * r, feet
+
+    def _round_about(
+        self, xyz: np.ndarray, found: Depths, hidden: np.ndarray, nearest: np.ndarray, at: np.ndarray
+    ) -> None:
+        """Where walls nearly coincide, a crease may be missed: look at the deepest tube's wall in other directions.
+
+        Changes `nearest` and `at` for points with a visible wall point beside them that is nearer.
+        """
+        branch, arc = found.branch[hidden, 0], found.arc[hidden, 0]
+        doubtful = np.flatnonzero(nearest > 1.01 * found.depth[hidden, 0])
+        if not doubtful.size:
+            return
+        points, branch, arc = xyz[hidden[doubtful]], branch[doubtful], arc[doubtful]
+        r, centre = self._radii(branch, arc), self._outward(points, branch, arc)[1]
+        for angle in 2 * np.pi * np.arange(_RING) / _RING:
+            feet = centre + r[:, None] * self._ring(branch, arc, angle)
+            gap = np.linalg.norm(feet - points, axis=1)
+            closer = np.flatnonzero(gap < nearest[doubtful])
+            closer = closer[self.depths(feet[closer]).depth[:, 0] <= _HIDDEN * r[closer]]
+            nearest[doubtful[closer]], at[doubtful[closer]] = gap[closer], feet[closer]
 
     # --- creases ------------------------------------------------------------------------------------------------------
 
@@ -231,14 +268,6 @@ def _stations(branch: Branch) -> np.ndarray:
     )
     count = max(4, int(np.ceil(steps[-1])))
     return np.interp(np.linspace(0.0, steps[-1], count + 1), steps, s)
-
-
-def _across(branches: Sequence[Branch], branch: np.ndarray, arc: np.ndarray) -> np.ndarray:
-    """Some unit vectors across the centrelines, (n, 3)."""
-    if not len(branch):
-        return np.zeros((0, 3))
-    t = np.stack([branches[b].curve.tangent(s) for b, s in zip(branch, arc, strict=True)])
-    return _normals(t)[0]
 
 
 def _normals(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

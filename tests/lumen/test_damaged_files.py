@@ -8,6 +8,7 @@ import struct
 import tracemalloc
 import zipfile
 import zlib
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -305,26 +306,28 @@ def of_lumen(good):
     return {"a bomb": bomb.getvalue(), "a pickle": pickled.getvalue(), "a later format": newer.getvalue()}
 
 
-def all_cases():
-    """Name of the file, what is wrong with it, its bytes."""
-    surfaces, volumes, trees = writers.surfaces(), writers.volumes(), writers.trees()
-    special = {
-        "binary.stl": of_stl_binary, "ascii.stl": of_stl_ascii, "fork.obj": of_obj, "ascii.ply": of_ply, "binary.ply": of_ply,
-        "old_ascii.vtk": of_vtk, "old_binary.vtk": of_vtk, "new_ascii.vtk": of_vtk, "new_binary.vtk": of_vtk,
-        "ascii.vtp": of_vtp_ascii, "inline.vtp": of_vtp, "mask.nii": of_nifti, "packed.nii.gz": of_nifti_packed,
-        "mask.mha": of_mha, "packed.mha": of_mha_packed, "mask.nrrd": of_nrrd, "packed.nrrd": of_nrrd_packed,
-        "one.csv": of_csv, "fork.mrk.json": of_markups, "graph.json": of_graph, "fork.swc": of_swc, "path.pth": of_path,
-        "rings.ctgr": of_contours, "whole.vtp": of_vtp_ascii,
-    }  # fmt: skip
-    good = {**surfaces, **volumes, **trees}
-    for name, more in special.items():
-        for what, data in {**general(good[name]), **more(good[name])}.items():
-            yield name, what, data
+SPECIAL = {
+    "binary.stl": of_stl_binary, "ascii.stl": of_stl_ascii, "fork.obj": of_obj, "ascii.ply": of_ply, "binary.ply": of_ply,
+    "old_ascii.vtk": of_vtk, "old_binary.vtk": of_vtk, "new_ascii.vtk": of_vtk, "new_binary.vtk": of_vtk,
+    "ascii.vtp": of_vtp_ascii, "inline.vtp": of_vtp, "mask.nii": of_nifti, "packed.nii.gz": of_nifti_packed,
+    "mask.mha": of_mha, "packed.mha": of_mha_packed, "mask.nrrd": of_nrrd, "packed.nrrd": of_nrrd_packed,
+    "one.csv": of_csv, "fork.mrk.json": of_markups, "graph.json": of_graph, "fork.swc": of_swc, "path.pth": of_path,
+    "rings.ctgr": of_contours, "whole.vtp": of_vtp_ascii, "kept.lumen": of_lumen,
+}  # fmt: skip
+
+
+@lru_cache
+def good_files():
     lumen = io.BytesIO()
     with zipfile.ZipFile(lumen, "w") as archive:
         archive.writestr("lumen.json", "{}")
-    for what, data in {**general(lumen.getvalue()), **of_lumen(b"")}.items():
-        yield "kept.lumen", what, data
+    return {**writers.surfaces(), **writers.volumes(), **writers.trees(), "kept.lumen": lumen.getvalue()}
+
+
+def cases_of(name):
+    """What is wrong with a file of this name, and its bytes."""
+    good = good_files()[name]
+    return {**general(good), **SPECIAL[name](good)}
 
 
 STILL_WHOLE = {
@@ -340,12 +343,12 @@ STILL_WHOLE = {
 """Damage that leaves a smaller whole, and what must be said of it."""
 
 
-@pytest.mark.parametrize("name", sorted({name for name, _, _ in all_cases()}))
+@pytest.mark.parametrize("name", sorted(SPECIAL))
 def test_damaged_files_get_a_sentence_and_no_more(tmp_path, name, monkeypatch):
     monkeypatch.setattr("os.system", lambda *_: pytest.fail("something was run"))
-    cases = [(what, data) for n, what, data in all_cases() if n == name]
-    assert len(cases) >= 9
-    for what, data in cases:
+    cases = cases_of(name)
+    assert len(cases) >= 10
+    for what, data in cases.items():
         path = tmp_path / name
         path.write_bytes(data)
         tracemalloc.start()

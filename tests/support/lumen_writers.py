@@ -44,6 +44,14 @@ def meshed(lumen, pitch):
     return 1e3 * (low + pitch * vertices), faces[:, ::-1].astype(np.int64)
 
 
+def opened(lumen, vertices, faces):
+    """The faces without those that close the inlet."""
+    at, way = 1e3 * lumen.position("inlet"), lumen.tangent("inlet")
+    flat = np.abs((vertices - at) @ way) < 2e-3
+    flat &= np.linalg.norm(vertices - at, axis=1) < 1.2e3 * float(lumen.trunk.radius(0.0))
+    return faces[~flat[faces].all(axis=1)]
+
+
 @lru_cache
 def mesh(pitch=0.8e-3):
     """The fork's surface, of about 3000 triangles."""
