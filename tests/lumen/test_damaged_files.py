@@ -13,8 +13,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from tests.support import lumen_writers as writers
 from magwire_env.lumen.lumen import Lumen
+from tests.support import lumen_writers as writers
 
 MOST_MEMORY = 300e6
 """Bytes that a damaged file of a few hundred kB may make a reader allocate."""

@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from magwire_env.lumen import Tract
 from magwire_env.lumen.branch import Branch
 from magwire_env.lumen.lumen import Lumen
 from magwire_env.lumen.named_trees import LUMENS, aortic_arch, box, fork, straight, two_forks
-from magwire_env.lumen import Tract
 
 RNG = np.random.default_rng(0)
 

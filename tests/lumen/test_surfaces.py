@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from magwire_env.lumen.loading import LumenNote
-from magwire_env.lumen.lumen import Lumen
 from magwire_env.lumen.named_trees import fork, straight, two_forks
 from tests.lumen.accuracy import compared, even, loaded, meshed
 from tests.support import lumen_writers as writers

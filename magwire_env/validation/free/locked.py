@@ -47,7 +47,7 @@ def _scenario(model: str, clearance: float, segments: int, stiffness: float) -> 
     magnet = dataclasses.replace(paper.rig.magnets[0], position=(float(above[0]), float(above[1]), float(above[2])))
     return paper.replace(
         tract=tract, model=model, coupling="wrench", wire__segments=segments, rig=Rig((magnet,)),
-        contact__friction=0.0, contact__stiffness=stiffness, timing=Timing(0.1, 50 if model == "free" else 10),
+        contact__friction=0.0, contact__stiffness=stiffness, timing=Timing(0.1, 10 if model == "locked" else 50),
     )  # fmt: skip
 
 
