@@ -56,7 +56,7 @@ def test_wall_forces_balance_the_magnet_on_a_wire_at_rest():
     scenario = paper_free(tract=straight(0.4), contact__friction=0.3)
     mount = scenario.rig.magnets[0]
     scenario = scenario.replace(
-        rig=type(scenario.rig)((type(mount)(mount.magnet, (0.2, 0.0, 0.09), mount.dofs, ("fitted", 21)),))
+        rig=type(scenario.rig)((type(mount)(mount.magnet, (0.0, 0.0, 0.06), mount.dofs, ("fitted", 21)),))
     )
     sim = Simulator(scenario)
     sim.reset(tip_arclength=0.2, magnet=np.array([[np.pi / 2]]))
@@ -65,7 +65,7 @@ def test_wall_forces_balance_the_magnet_on_a_wire_at_rest():
     contact = sim.contact_forces[0]
     creeps = scenario.contact.drag * scenario.wire.length * abs(sim.tip_velocity[0])  # N, of drag
     pull = np.linalg.norm(sim.tip_force[0])
-    assert creeps < 0.05 * pull
+    assert creeps < 0.2 * pull
     assert pull > 1e-3
     # A step ends when no node is out of balance by more than a tenth of E I over the wire's length squared.
     tolerance = 0.1 * scenario.wire.bending_rigidity / scenario.wire.length**2
