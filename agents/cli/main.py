@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from agents.cli import experiment as experiment_cli
 from agents.cli import identify as identify_cli
 from agents.cli import view as view_cli
 from agents.cli.export import Export, export
@@ -289,7 +290,7 @@ def figures(options: Figures) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run one subcommand; bad input ends with one line and status 1."""
-    run = _RUN | identify_cli.RUN | view_cli.RUN
+    run = _RUN | identify_cli.RUN | experiment_cli.RUN | view_cli.RUN
     commands: list[Any] = [Annotated[kind, tyro.conf.subcommand(kind.__name__.lower())] for kind in run]
     options: Any = tyro.cli(reduce(or_, commands), prog="magwire", description=__doc__, args=arguments)
     try:
