@@ -123,12 +123,15 @@ class Entrant:
         return {key: value for key, value in self.settings.items() if key in ("scenario", "split")}
 
 
-def resolve(policy: str, task: str | None = None, scenario: str | None = None, split: str | None = None) -> Entrant:
-    """The policy of a name: a controller's, ``module:Class``, or a run or model folder.
+def resolve(
+    policy: str, task: str | None = None, scenario: str | None = None, split: str | None = None, trust: bool = False
+) -> Entrant:
+    """The policy of a name: a controller's, ``module:Class``, or a run's or policy's folder.
 
-    task : by default the model's own task, or MagWire/Steer-v0
+    task : by default the policy's own task, or MagWire/Steer-v0
     scenario : a TOML file or a shipped name, in place of the task's
     split : of a generated task's tracts, unless there is a scenario
+    trust : also open files that can carry a program, see `agents.learning.load`
 
     Raises `ValueError` for a name that is none of these.
     """
@@ -137,15 +140,14 @@ def resolve(policy: str, task: str | None = None, scenario: str | None = None, s
     if (kind := controller(policy)) is not None:
         made, name = kind.from_env, policy.rpartition(":")[2]
     elif Path(policy).is_dir():
-        need("stable_baselines3", "a trained model", "train")
-        from .learning.sb3 import load
+        need("safetensors", "a trained policy", "policy")
+        from .learning import load
 
-        made, name = load(policy), Path(policy).name
-        task, settings = task or made.meta["task"], dict(made.meta.get("env", {}))
+        made, name = load(policy, trust), Path(policy).name
+        task, settings = task or made.task, made.env_settings
     else:
-        raise ValueError(
-            f"policy must be a model folder or one of {', '.join(CONTROLLERS)} or module:Class; got {policy!r}"
-        )
+        known = ", ".join(CONTROLLERS)
+        raise ValueError(f"policy must be a run's or policy's folder, module:Class or one of {known}; got {policy!r}")
     task = task or _DEFAULT_TASK
     if scenario is not None:
         settings["scenario"] = scenario

@@ -18,31 +18,31 @@ from ..evaluation.episodes import EVALUATION_SEED, built
 from ..evaluation.evaluator import evaluate, make_batch
 from ..evaluation.robustness import sweep
 from ..learning.config import Config
-from ..learning.training import Run, learn
+from ..learning.run_folder import Checkpoints, locked, write_whole
+from ..learning.scenario_copy import digest, text_for
+from ..learning.stored import read_json
+from ..learning.training import Run, curve_of, learn
 from ..par.bracket import least_times
 from ..par.starts import Starts
+from ..processes import PATIENCE
 from .plan import Cell, Plan
 
 __all__ = ["make"]
 
 
-def make(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
+def make(plan: Plan, cell: Cell, out: Path, token: str = "") -> dict[str, Any]:
     """Compute a cell and write its record; returns the record. The file is there only when it is complete.
+
+    token : of the run of the benchmark that makes it
 
     If a policy refuses its arena with a `ValueError` when it is built, the record says why.
     """
     started = time.perf_counter()
     result = _MAKERS[cell.kind](plan, cell, out)
-    record = {"settings": plan.settings(cell), "seconds": time.perf_counter() - started, **result}
-    _write(cell.file(out), record)
+    seconds = time.perf_counter() - started
+    record = {"settings": plan.settings(cell), "seconds": seconds, "made_by": token, **result}
+    write_whole(cell.file(out), json.dumps(record))
     return record
-
-
-def _write(file: Path, record: dict[str, Any]) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    partial = file.with_suffix(".part")
-    partial.write_text(json.dumps(record), encoding="utf-8")
-    partial.replace(file)
 
 
 def _train(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
@@ -54,20 +54,27 @@ def _train(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
     }  # fmt: skip
     resumed = _resumable(folder, settings)
     if not resumed and folder.exists():
-        shutil.rmtree(folder)
+        with locked(folder, PATIENCE):  # a worker whose parent was killed may be saving there
+            shutil.rmtree(folder)
     run = Run.open(Config(run=folder, resume=resumed, **asked))
-    if not learn(run):
+    if not learn(run, PATIENCE):
         raise KeyboardInterrupt
-    curve = (folder / "learning_curve.csv").read_text(encoding="utf-8")
+    curve_file = curve_of(folder)
+    assert curve_file is not None  # it has been evaluated at its end
+    curve = curve_file.read_text(encoding="utf-8")
     versions = json.loads((folder / "versions.json").read_text(encoding="utf-8"))
     return {"run": folder.name, "resumed": resumed, "curve": curve, "versions": versions}
 
 
 def _resumable(folder: Path, settings: dict[str, Any]) -> bool:
-    if not (folder / "config.json").exists() or not (folder / "last" / "model.json").exists():
+    """A checkpoint stands in `folder`, of a training with the same settings."""
+    if not (folder / "config.json").exists() or Checkpoints(folder).newest() is None:
         return False
-    stored = json.loads((folder / "config.json").read_text(encoding="utf-8"))
-    return stored["hyperparameters"] == json.loads(json.dumps(settings["hyperparameters"]))
+    stored = read_json(folder / "config.json").tree
+    text = text_for(settings["task"], settings["scenario"])
+    return stored.get("hyperparameters") == json.loads(json.dumps(settings["hyperparameters"])) and stored.get(
+        "scenario_sha256"
+    ) == (None if text is None else digest(text))
 
 
 def _policy(plan: Plan, cell: Cell, out: Path) -> tuple[Any, dict[str, Any]]:

@@ -18,7 +18,7 @@ from magwire_env.physics.checks import whole
 from ..catalogue import CONTROLLERS, FLOORS, PAR, REFERENCE, controller
 from ..evaluation.episodes import EVALUATION_SEED
 from ..evaluation.robustness import DISTURBANCES
-from ..learning.sb3 import hyperparameters
+from ..learning.hyperparameters import hyperparameters
 
 __all__ = ["ARENAS", "HARD", "LEARNERS", "Arena", "Cell", "Learner", "Plan", "plain_name"]
 

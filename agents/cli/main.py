@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import reduce
 from operator import or_
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from agents.cli import view as view_cli
+from agents.cli.export import Export, export
 from agents.cli.train import train
 from agents.learning.config import BAD_INPUT, Algorithm, Config
 from magwire_env.physics.checks import whole
@@ -26,7 +27,14 @@ __all__ = ["main"]
 
 @dataclass
 class Train(Config):
-    """Train a policy; the same as `python train.py`."""
+    """Train a policy, as `python train.py` does, or one for each of several seeds."""
+
+    seeds: str | None = None
+    """Seeds such as 0-9 or 0,3,5: one run for each, side by side, in place of `seed`."""
+    workers: int = 2
+    """With seeds: processes at a time."""
+    ray: str | None = None
+    """With seeds: train on Ray, "local" or the address of a cluster whose nodes share this folder."""
 
 
 @dataclass
@@ -34,9 +42,9 @@ class Evaluate:
     """Evaluate a trained model or a controller over a fixed list of episode seeds."""
 
     policy: tyro.conf.Positional[str]
-    """A run or model folder, a controller's name, such as MaxForce, or module:Class for one of your own."""
+    """A run's or policy's folder, a controller's name, such as MaxForce, or module:Class for one of your own."""
     task: str | None = None
-    """Environment id; by default the model's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     episodes: int = 200
     """Number of episode seeds."""
     scenario: str | None = None
@@ -47,6 +55,8 @@ class Evaluate:
     """Score against Optimal on the same starts; the first time, this takes minutes."""
     out: Path | None = None
     """Write the summary and every episode here as JSON."""
+    trust: bool = False
+    """Also open a model.zip or pickle, which runs any program that stands in it."""
 
 
 @dataclass
@@ -54,9 +64,9 @@ class Robustness:
     """Sweep friction, remanence, the magnet's place, force noise and delay; write a heat map and its numbers."""
 
     policy: tyro.conf.Positional[str]
-    """A run or model folder, a controller's name, or module:Class."""
+    """A run's or policy's folder, a controller's name, or module:Class."""
     task: str | None = None
-    """Environment id; by default the model's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     episodes: int = 50
     """Number of episode seeds for each disturbance."""
     scenario: str | None = None
@@ -67,6 +77,8 @@ class Robustness:
     """Score against Optimal without disturbance; otherwise against the policy itself without disturbance."""
     out: Path = Path("robustness")
     """Folder to write to."""
+    trust: bool = False
+    """Also open a model.zip or pickle, which runs any program that stands in it."""
 
 
 @dataclass
@@ -77,6 +89,10 @@ class Benchmark:
     """Folder of the finished cells."""
     workers: int = 2
     """Processes at a time, one core each."""
+    ray: str | None = None
+    """Make the cells as tasks of Ray: "local", or the address of a cluster, which then has the workers."""
+    store: str | None = None
+    """URL through which a cluster's nodes share files (s3://…, file:///…), where they do not share the folder out."""
     only: tuple[str, ...] = ()
     """Only cells whose name contains one of these patterns, such as "evaluate Steer MPPI" or "train*ppo"."""
     controllers: tuple[str, ...] = ()
@@ -127,7 +143,7 @@ def _entrant(options: Evaluate | Robustness) -> Entrant:
     from agents.catalogue import resolve
 
     whole("episodes", options.episodes, 1)
-    return resolve(options.policy, options.task, options.scenario, options.split)
+    return resolve(options.policy, options.task, options.scenario, options.split, options.trust)
 
 
 def robustness(options: Robustness) -> None:
@@ -170,7 +186,7 @@ def benchmark(options: Benchmark) -> None:
         wanted = [cell for cell, state in states.items() if options.again or state != "finished"]
         print(f"{len(wanted)} cells to make, {len(cells) - len(wanted)} finished", flush=True)
         try:
-            failed = run_cells(plan, wanted, options.out, options.workers)
+            failed = run_cells(plan, wanted, options.out, options.workers, options.ray, options.store)
         except KeyboardInterrupt:
             sys.exit("interrupted; finished cells are kept, and the same command goes on")
     data = collect(plan, options.out)
@@ -201,6 +217,13 @@ class Tune:
     """A TOML file or a shipped name, in place of the task's scenario."""
     out: Path | None = None
     """Folder to write to; by default agents/hyperparameters/studies."""
+    storage: str | None = None
+    """Optuna's storage, in which the study goes on where it stopped and which all workers share: a journal file, or a
+    database's URL. By default a journal file that lasts as long as the command."""
+    workers: int = 1
+    """Trainings at a time. With one, a study depends on its seed alone."""
+    ray: str | None = None
+    """Train on Ray: "local", or the address of a cluster whose nodes reach the storage."""
 
 
 def tune(options: Tune) -> None:
@@ -208,6 +231,18 @@ def tune(options: Tune) -> None:
     from agents.learning.tuning import STUDIES, tune
 
     print(tune(**asdict(options) | {"out": options.out or STUDIES}))
+
+
+def train_seeds(options: Train) -> None:
+    """Train one policy, or one for each seed; status 1 if one of those failed."""
+    asked = {f.name: getattr(options, f.name) for f in fields(Config)}
+    if options.seeds is None:
+        train(Config(**asked))
+        return
+    from agents.cli.seeds import numbers, train_all
+
+    if failed := train_all(Config(**asked), numbers(options.seeds), options.workers, options.ray):
+        sys.exit("\n".join(f"failed: {line}" for line in failed))
 
 
 @dataclass
@@ -263,6 +298,6 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 _RUN: dict[type, Callable[[Any], Any]] = {
-    Train: train, Evaluate: evaluate, Robustness: robustness, Benchmark: benchmark, Tune: tune, Validate: validate,
-    Figures: figures,
+    Train: train_seeds, Export: export, Evaluate: evaluate, Robustness: robustness, Benchmark: benchmark, Tune: tune,
+    Validate: validate, Figures: figures,
 }  # fmt: skip

@@ -18,7 +18,7 @@ def train(config: Config) -> dict[str, Any]:
     from agents.catalogue import CONTROLLERS, FLOORS, REFERENCE
     from agents.cli.pictures import leave_in
     from agents.evaluation.evaluator import evaluate, table
-    from agents.learning.sb3 import load
+    from agents.learning import load
     from agents.learning.training import Run, learn, learning_curve
 
     run = Run.open(config)

@@ -27,6 +27,10 @@ class Play:
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = 0
     """Seed of the first episode; the next episodes have the next numbers."""
+    against: str = "MaxForce"
+    """Whose time is to be beaten: a run's or policy's folder, a controller's name, or module:Class."""
+    trust: bool = False
+    """Also open a model.zip or pickle, which runs any program that stands in it."""
 
 
 @dataclass
@@ -34,7 +38,7 @@ class View:
     """Serve a 3-D page for the browser: turn the magnet by hand, or watch a policy do it."""
 
     policies: tyro.conf.Positional[tuple[Path, ...]] = ()
-    """Run or model folders to choose from beside the controllers; those under runs/ are found without being named."""
+    """Folders of runs or policies to choose from beside the controllers; no other can be chosen."""
     task: str = "MagWire/Steer-v0"
     """Environment id to begin with."""
     scenario: str | None = None
@@ -45,6 +49,8 @@ class View:
     """Port to serve on, or the next free one."""
     seed: int = 0
     """Seed of the first episode; the next episodes have the next numbers."""
+    trust: bool = False
+    """Also open a model.zip or pickle, which runs any program that stands in it."""
 
 
 @dataclass
@@ -52,9 +58,9 @@ class Video:
     """Write a video of one evaluation episode."""
 
     policy: tyro.conf.Positional[str]
-    """A run or model folder, a controller's name, or module:Class."""
+    """A run's or policy's folder, a controller's name, or module:Class."""
     task: str | None = None
-    """Environment id; by default the model's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = EVALUATION_SEED
@@ -63,6 +69,8 @@ class Video:
     """Speed of the video, times real time."""
     out: Path | None = None
     """.mp4 or .gif; by default episode.mp4 in the run's folder, or here."""
+    trust: bool = False
+    """Also open a model.zip or pickle, which runs any program that stands in it."""
 
 
 @dataclass
@@ -70,34 +78,34 @@ class Plot:
     """Plot a run: its learning curve, its way over the force map, arc length over time beside MaxForce."""
 
     policy: tyro.conf.Positional[str]
-    """A run or model folder, a controller's name, or module:Class."""
+    """A run's or policy's folder, a controller's name, or module:Class."""
     task: str | None = None
-    """Environment id; by default the model's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = EVALUATION_SEED
     """Seed of the episode."""
     out: Path | None = None
     """Folder to write to; by default the run's, or here."""
+    trust: bool = False
+    """Also open a model.zip or pickle, which runs any program that stands in it."""
 
 
 def _play(options: Play) -> None:
     need("pygame", "playing")
-    from agents.catalogue import REFERENCE
+    from agents.catalogue import resolve
+    from agents.cli.pictures import trace
     from magwire_env.render.play import Game, play
 
     settings: dict[str, Any] = {} if options.scenario is None else {"scenario": options.scenario}
-    env = gym.make(options.task, **settings)
-    play(Game(env, options.seed, lambda seed: _time_to_beat(options.task, seed, settings), REFERENCE))
+    rival = resolve(options.against, options.task, options.scenario, trust=options.trust)
 
+    def time_to_beat(seed: int) -> float | None:
+        """The rival's time to the goal in the episode of this seed, s; None if it does not get there."""
+        one = trace(rival.policy, rival.name, options.task, seed, **rival.settings)
+        return one.seconds if one.success else None
 
-def _time_to_beat(task: str, seed: int, settings: dict[str, Any]) -> float | None:
-    """The reference controller's time to the goal in the episode of this seed, s; None if it does not get there."""
-    from agents.catalogue import CONTROLLERS, REFERENCE
-    from agents.cli.pictures import trace
-
-    one = trace(CONTROLLERS[REFERENCE].from_env, REFERENCE, task, seed, **settings)
-    return one.seconds if one.success else None
+    play(Game(gym.make(options.task, **settings), options.seed, time_to_beat, rival.name))
 
 
 def _view(options: View) -> None:
@@ -105,9 +113,8 @@ def _view(options: View) -> None:
     from magwire_env.render.browser import Page
 
     tasks = (options.task, *(t for t in magwire_env.TASK_IDS if t != options.task))
-    page = Page(
-        tasks, _scenarios(options.scenario), _policies(options.policies), options.host, options.port, options.seed
-    )
+    policies = _policies(options.policies, options.trust)
+    page = Page(tasks, _scenarios(options.scenario), policies, options.host, options.port, options.seed)
     print(f"look at {page.url}; Ctrl-C ends it", flush=True)
     try:
         page.run()
@@ -125,37 +132,36 @@ def _scenarios(first: str | None) -> dict[str, Any]:
     return found | {path.stem: Scenario.load(path) for path in sorted(folder.glob("*.toml")) if path.stem != first}
 
 
-def _policies(folders: tuple[Path, ...]) -> dict[str, Callable[[gym.Env], Any]]:
-    """Controllers, and trained models: those of `folders`, and the runs under runs/."""
-    from agents.catalogue import CONTROLLERS
+def _policies(folders: tuple[Path, ...], trust: bool) -> dict[str, Callable[[gym.Env], Any]]:
+    """Controllers, and the trained policies of `folders`, which are read before the page is there."""
+    from agents.catalogue import CONTROLLERS, resolve
 
     found: dict[str, Callable[[gym.Env], Any]] = {name: kind.from_env for name, kind in CONTROLLERS.items()}
-    runs = [p.parent.parent for p in sorted(Path("runs").glob("*/best/model.zip"))]
-    for folder in dict.fromkeys((*folders, *runs)):
-        found[str(folder)] = _lazily(folder)
+    for folder in folders:
+        if not folder.is_dir():
+            raise FileNotFoundError(f"policies must be folders of runs or policies, got {str(folder)!r}")
+        found[str(folder)] = _fitting(resolve(str(folder), trust=trust).policy)
     return found
 
 
-def _lazily(folder: Path) -> Callable[[gym.Env], Any]:
-    """A function that loads a model when it is chosen; it refuses a model that was trained on other observations."""
+def _fitting(policy: Any) -> Callable[[gym.Env], Any]:
+    """What gives a trained policy to an env, or says that it was trained on other observations."""
 
-    def load(env: gym.Env) -> Any:
-        from agents.catalogue import resolve
-
-        policy = resolve(str(folder)).policy
-        wanted, seen = policy.model.observation_space.shape, env.observation_space.shape
-        if wanted != seen:
-            raise ValueError(f"it was trained on observations of shape {wanted}, this task's have {seen}")
+    def give(env: gym.Env) -> Any:
+        channels = tuple(env.unwrapped.core.observer.names)  # type: ignore[attr-defined]
+        trained = policy.about.channels
+        if (policy.size,) != env.observation_space.shape or trained != channels:
+            raise ValueError(f"it was trained to see {', '.join(trained)}; this task shows {', '.join(channels)}")
         return policy
 
-    return load
+    return give
 
 
 def _video(options: Video) -> None:
     from agents.catalogue import resolve
     from agents.cli.pictures import film
 
-    own = resolve(options.policy, options.task, options.scenario)
+    own = resolve(options.policy, options.task, options.scenario, trust=options.trust)
     path = options.out or _folder(options.policy) / "episode.mp4"
     film(own.policy, path, own.task, options.seed, options.speed, **own.settings)
     print(path)
@@ -166,13 +172,13 @@ def _plot(options: Plot) -> None:
     from agents.catalogue import resolve
     from agents.cli.pictures import plots
 
-    own = resolve(options.policy, options.task, options.scenario)
+    own = resolve(options.policy, options.task, options.scenario, trust=options.trust)
     folder = options.out or _folder(options.policy)
     written = plots(own.policy, own.name, folder, own.task, options.seed, **own.settings)
-    if (Path(options.policy) / "learning_curve.csv").exists():
+    if (Path(options.policy) / "config.json").exists():
         from agents.learning.training import Run, learning_curve
 
-        learning_curve(Run.at(Path(options.policy)), folder)
+        learning_curve(Run.at(Path(options.policy), options.trust), folder)
         written.append(folder / "learning_curve.png")
     print("\n".join(map(str, written)))
 

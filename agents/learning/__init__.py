@@ -1,16 +1,20 @@
-"""Training with Stable-Baselines3: the configuration, the adapter, a run, the search for hyperparameters."""
+"""Training with Stable-Baselines3: the adapter, a run, policies as plain arrays, the search for hyperparameters."""
 
-from importlib import import_module
+from __future__ import annotations
+
 from typing import TYPE_CHECKING, Any
 
+from .policy_file import load
+
 if TYPE_CHECKING:
-    from .sb3 import load, make_vec_env
+    from .sb3 import make_vec_env
 
 __all__ = ["load", "make_vec_env"]
 
 
 def __getattr__(name: str) -> Any:
-    """Import torch only when a model is asked for: commands that train nothing need no torch."""
-    if name in __all__:
-        return getattr(import_module(f"{__name__}.sb3"), name)
+    if name == "make_vec_env":  # imports torch, which a loaded policy does without
+        from .sb3 import make_vec_env
+
+        return make_vec_env
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 else:
     Algorithm = Literal[tuple(ALGORITHMS)]  # so that the command line lists the choices
 
-BAD_INPUT = (ValueError, FileNotFoundError, FileExistsError, gym.error.Error)
+BAD_INPUT = (ValueError, OSError, gym.error.Error)
 """Errors that end a command with one line in place of a traceback."""
 
 
@@ -58,5 +58,7 @@ class Config:
     """Episodes of the final evaluation."""
     resume: bool = False
     """Go on from the last checkpoint in the run folder."""
+    trust: bool = False
+    """Also open files of earlier versions (model.zip, pickles), which run any program that stands in them."""
     progress: bool = field(default_factory=lambda: sys.stderr.isatty())
     """Show a progress bar."""

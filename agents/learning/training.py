@@ -1,232 +1,238 @@
-"""A training run: its folder, its training with evaluations and checkpoints, its learning curve."""
+"""Learning: a run from its start or its newest checkpoint to its end, with evaluations on the way."""
 
 from __future__ import annotations
 
 import csv
+import io
 import json
-import platform
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import configure
-
-from magwire_env.envs.task import TASKS
-from magwire_env.plotting import BLUE, RED, blank, styled
-from magwire_env.quasistatic.pool import scenario_pool
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from stable_baselines3.common.type_aliases import RolloutReturn
+from stable_baselines3.common.vec_env import VecEnv
 
 from ..evaluation.episodes import EVALUATION_SEED
 from ..evaluation.evaluator import evaluate
-from .config import Config
-from .sb3 import frozen, hyperparameters, load_parts, make_model, make_vec_env, save
+from ..notes import note
+from .export import about_model, plain, save_all
+from .plain_policy import PlainPolicy
+from .policy_file import read
+from .resuming import put_back, taken
+from .run import VALIDATION_EPISODES, Run
+from .run_folder import BEST, LAST, Checkpoints, locked, write_whole
+from .sb3 import make_model, make_vec_env
+from .stored import read_json
+from .tree_file import load_tree, save_tree
 
-__all__ = ["Run", "learn", "learning_curve", "read_curve"]
+__all__ = ["CURVE", "Run", "curve_of", "learn", "learning_curve", "read_curve"]
 
 VALIDATION_SEED = EVALUATION_SEED + 500_000
-"""First of the seeds that choose the best model; neither the training nor the final evaluation uses them."""
+"""Held-out seeds for choosing the best model: neither training's nor the final evaluation's."""
 
-VALIDATION_EPISODES, VALIDATION_POOL = 100, 1
-"""Number of episodes that choose the best model, and seed of the pool of tracts for a generated task."""
-
-_PACKAGES = ("magwire-env", "gymnasium", "stable-baselines3", "torch", "numba", "numpy", "scipy")
+CURVE = "learning_curve.csv"
+_COLUMNS = ("timesteps", "seconds", "success_rate", "median_time_s", "mean_reward")
 
 
-@dataclass(frozen=True)
-class Run:
-    """A run folder and the contents of its config.json."""
+def learn(run: Run, patience: float = 0.0) -> bool:
+    """Train to the end; false if Ctrl-C or SIGTERM stopped it, after saving a checkpoint.
 
-    folder: Path
-    config: dict[str, Any]
-    settings: dict[str, Any]
-    resume: bool = False
+    patience : s to wait for another process that is about to end its work on the run
 
-    @classmethod
-    def open(cls, config: Config, changes: dict[str, Any] | None = None) -> Run:
-        """Make the folder of a new run, or find the folder of a run to resume.
-
-        changes : to the YAML's hyperparameters; a name with a dot is one inside a block
-
-        Raises `FileExistsError` for a new run whose folder exists, `FileNotFoundError` for a run to resume whose folder
-        does not. Without `resume` an existing folder is never changed.
-        """
-        asked = {k: (str(v) if isinstance(v, Path) else v) for k, v in asdict(config).items()}
-        if config.resume:
-            if config.run is None or not (Path(config.run) / "config.json").exists():
-                raise FileNotFoundError(f"--resume needs --run with a run's folder, got {config.run}")
-            return cls.at(Path(config.run))
-        settings = _changed(hyperparameters(config.algorithm, config.task), changes or {})
-        settings["n_timesteps"] = config.timesteps or settings["n_timesteps"]
-        settings["n_envs"] = config.n_envs or settings["n_envs"]
-        for name in ("timesteps", "n_envs", "episodes"):
-            if getattr(config, name) is not None and getattr(config, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(config, name)}")
-        folder = Path(config.run) if config.run is not None else _free_folder(config)
-        if folder.exists():
-            raise FileExistsError(f"run folder {folder} exists: choose another --run, or --resume to go on with it")
-        make_vec_env(config.task, 1, **_env_settings(asked))  # a bad task or scenario fails before anything is written
-        folder.mkdir(parents=True)
-        run = cls(folder, asked, settings)
-        run.write("config.json", {"config": asked, "hyperparameters": settings})
-        run.write("versions.json", _versions())
-        return run
-
-    @classmethod
-    def at(cls, folder: Path) -> Run:
-        """The run in `folder`."""
-        stored = json.loads((folder / "config.json").read_text(encoding="utf-8"))
-        return cls(folder, stored["config"], stored["hyperparameters"], resume=True)
-
-    @property
-    def task(self) -> str:
-        return self.config["task"]
-
-    @property
-    def algorithm(self) -> str:
-        return self.config["algorithm"]
-
-    @property
-    def env_settings(self) -> dict[str, Any]:
-        """Keyword arguments of the env: those of the hyperparameters, and the scenario of the configuration."""
-        return self.settings.get("env", {}) | _env_settings(self.config)
-
-    @property
-    def held_out(self) -> dict[str, Any]:
-        """Keyword arguments of the final evaluation's env; it takes a generated task's tracts from the test split."""
-        drawn = TASKS[self.task].pool is not None and self.config["scenario"] is None
-        return self.env_settings | ({"split": "test"} if drawn else {})
-
-    @property
-    def same_episodes(self) -> dict[str, Any]:
-        """Keyword arguments of an env for controllers: the final evaluation's episodes, the task's own observation and
-        action."""
-        return {k: v for k, v in self.held_out.items() if k in ("scenario", "split")}
-
-    @property
-    def validation(self) -> dict[str, Any]:
-        """Keyword arguments of the env that chooses the best model.
-
-        A generated task has a pool of tracts of its own here, neither the training's nor the test split's, because a
-        policy may learn its training tracts by heart.
-        """
-        pool = TASKS[self.task].pool
-        if pool is None or self.config["scenario"] is not None:
-            return self.env_settings
-        settings = {k: v for k, v in self.env_settings.items() if k not in ("split", "pool_size")}
-        return settings | {"scenario": list(scenario_pool(pool, "train", VALIDATION_EPISODES, VALIDATION_POOL))}
-
-    @property
-    def meta(self) -> dict[str, Any]:
-        """Contents of a saved model's model.json."""
-        return {
-            "task": self.task,
-            "algorithm": self.algorithm,
-            "seed": self.config["seed"],
-            "env": self.env_settings,
-            "frame_stack": self.settings.get("frame_stack", 1),
-        }
-
-    def write(self, name: str, content: Any) -> None:
-        """Write a JSON file into the folder."""
-        (self.folder / name).write_text(json.dumps(content, indent=2), encoding="utf-8")
+    Raises `ValueError` if another process is writing the run, or its checkpoint is damaged; `OSError` if the end cannot
+    be written.
+    """
+    with locked(run.folder, patience):
+        torch.set_num_threads(run.config["threads"])
+        model, progress = _begun(run)
+        left = progress.total - model.num_timesteps
+        if left > 0:
+            with _stopped_by_signals(progress.ask_to_stop):
+                model.learn(left, reset_num_timesteps=False, progress_bar=run.config["progress"])
+        return progress.finished()
 
 
-def learn(run: Run) -> bool:
-    """Train to the end; false if Ctrl-C stopped it, after a checkpoint was saved."""
+def _begun(run: Run) -> tuple[BaseAlgorithm, Progress]:
+    """The model at the run's start, or where its newest checkpoint left it."""
     settings = dict(run.settings)
-    n_envs, total, _ = settings.pop("n_envs"), settings.pop("n_timesteps"), settings.pop("env", None)
-    torch.set_num_threads(run.config["threads"])
+    n_envs, total = settings.pop("n_envs"), settings.pop("n_timesteps")
+    settings.pop("env", None)
     frames, env = settings.pop("frame_stack", 1), run.env_settings | settings.pop("training_env", {})
-    venv = make_vec_env(run.task, n_envs, seed=run.config["seed"], frame_stack=frames, **env)
-    if run.resume:
-        model, _, _ = load_parts(run.folder / "last", venv)
-        model.tensorboard_log = str(run.folder / "tensorboard")
-    else:
+    try:
+        venv = make_vec_env(run.task, n_envs, seed=run.config["seed"], frame_stack=frames, **env)
         model = make_model(run.algorithm, venv, run.config["seed"], settings, run.folder / "tensorboard")
+    except (
+        TypeError,
+        AttributeError,
+        AssertionError,
+    ) as error:  # of settings that do not exist, or are of a wrong kind
+        raise ValueError(f"{run.folder / 'config.json'} has hyperparameters that make no model: {error}") from error
+    checkpoints = Checkpoints(run.folder)
+    newest = checkpoints.newest()
+    progress = Progress(run, model, total, checkpoints)
+    if newest is not None:
+        run.say_what_changed()
+        progress.go_on_from(newest)
+    elif (run.folder / LAST / "model.zip").exists():
+        model = progress.model = _of_an_earlier_version(run, venv)
+    elif run.resume:
+        note(f"{run.folder} was stopped before its first checkpoint, and begins again")
     model.set_logger(configure(str(run.folder / "tensorboard"), ["tensorboard"]))
-    left = total - model.num_timesteps
-    if left <= 0:
-        return True
-    progress = Progress(run, total)
-    with _interruptible(progress):
-        model.learn(left, callback=progress, reset_num_timesteps=False, progress_bar=run.config["progress"])
-    save(model, run.folder / "last", run.meta)
-    return not progress.interrupted
+    progress.watch()
+    return model, progress
 
 
-class Progress(BaseCallback):
-    """Evaluates on held-out seeds, keeps the best model and a checkpoint, and stops between steps on request."""
+def _of_an_earlier_version(run: Run, venv: VecEnv) -> BaseAlgorithm:
+    folder = run.folder / LAST
+    if not run.trust:
+        raise ValueError(
+            f"{folder} was saved by an earlier version as model.zip and normalization.pkl, which can carry a program "
+            "and were not opened; --trust opens them, if the run is your own"
+        )
+    from .trusted import parts
 
-    def __init__(self, run: Run, total: int) -> None:
-        super().__init__()
-        self.run, self.total = run, total
-        self.interrupted = False
-        self.curve = run.folder / "learning_curve.csv"
-        self._best = self._best_so_far()
-        self._next = 0
+    note("the earlier version kept no replay buffer, episodes or random states: these begin anew")
+    return parts(folder, venv)[0]
+
+
+class Progress:
+    """Evaluates on held-out seeds between rollouts, keeps the best policy, and saves all that it takes to go on.
+
+    total : env steps of the whole training
+    """
+
+    def __init__(self, run: Run, model: BaseAlgorithm, total: int, checkpoints: Checkpoints) -> None:
+        self.run, self.model, self.total, self.checkpoints = run, model, total, checkpoints
+        self.rows: list[dict[str, float]] = []
+        self.best: PlainPolicy | None = None
+        self._stopping = self._stopped = False
         self._every = max(1, total // max(1, run.config["evaluations"]))
+        self._next, self._evaluated = self._every, -1
         self._held_out = run.validation
-        self._started = time.perf_counter()
+        self._before, self._started = 0.0, time.perf_counter()
 
-    def _on_training_start(self) -> None:
-        self._next = self.num_timesteps + self._every
+    @property
+    def _seconds(self) -> float:
+        """s that the training has taken, in all the processes it ran in."""
+        return self._before + time.perf_counter() - self._started
 
-    def _on_step(self) -> bool:
-        return not self.interrupted
+    def go_on_from(self, checkpoint: Path) -> None:
+        """Bring the model and everything kept beside it to where a checkpoint left them."""
+        stored = read_json(checkpoint / "checkpoint.json")
+        try:
+            put_back(self.model, load_tree(checkpoint / LAST, "training"))
+        except ValueError as error:
+            raise ValueError(f"{checkpoint / LAST} is damaged or of another training: {error}") from error
+        self.rows = read_curve(checkpoint / CURVE)
+        self.best = read(checkpoint / BEST) if (checkpoint / BEST).exists() else None
+        self._next, self._evaluated = stored.whole("next_evaluation"), stored.get("evaluated", int)
+        self._before = float(stored.get("seconds", int, float))
 
-    def _on_rollout_start(self) -> None:
-        # Here an on-policy model has just been updated.
-        if self.num_timesteps >= self._next:
-            self._next += self._every
+    def watch(self) -> None:
+        """Come between the model's rollouts, before anything is drawn for the next one."""
+        model: Any = self.model
+        collect, on_policy = model.collect_rollouts, isinstance(model, OnPolicyAlgorithm)
+
+        def collect_rollouts(*args: Any, **options: Any) -> Any:
+            if model.num_timesteps >= self._next:
+                self._next += self._every
+                self._evaluate()
+                self._save()
+            if self._stopping:
+                self._stopped = True
+                self._save(at_the_end=True)
+                return False if on_policy else RolloutReturn(0, 0, continue_training=False)
+            return collect(*args, **options)
+
+        model.collect_rollouts = collect_rollouts
+
+    def ask_to_stop(self) -> None:
+        """Stop before the next rollout."""
+        self._stopping = True
+
+    def finished(self) -> bool:
+        """Evaluate and save the end; false, without either, if the training was stopped before."""
+        if self._stopped:
+            return False
+        if self._evaluated != self.model.num_timesteps:
             self._evaluate()
-
-    def _on_training_end(self) -> None:
-        if not self.interrupted:
-            self._evaluate()
+            self._save(at_the_end=True)
+        return True
 
     def _evaluate(self) -> None:
-        policy = frozen(self.model, self.run.meta)
+        model = self.model
+        policy = plain(model, about_model(model, self.run.meta), self.run.frames)
         episodes = evaluate(policy, self.run.task, VALIDATION_EPISODES, VALIDATION_SEED, **self._held_out)
         result = episodes.summary()
-        self.logger.record("eval/success_rate", result["success_rate"])
-        self.logger.record("eval/median_time_s", result["median_time_s"])
-        self.logger.dump(self.num_timesteps)
-        new = not self.curve.exists()
-        with self.curve.open("a", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            if new:
-                writer.writerow(["timesteps", "seconds", "success_rate", "median_time_s", "mean_reward"])
-            seconds = time.perf_counter() - self._started
-            row = [result["success_rate"], result["median_time_s"], result["mean_reward"]]
-            writer.writerow([self.num_timesteps, f"{seconds:.1f}", *row])
+        model.logger.record("eval/success_rate", result["success_rate"])
+        model.logger.record("eval/median_time_s", result["median_time_s"])
+        model.logger.dump(model.num_timesteps)
+        score = _score(result)
+        if score > max((_score(row) for row in self.rows), default=(-1.0, 0.0)):
+            self.best = policy
+        values = (model.num_timesteps, round(self._seconds, 1), *(result[name] for name in _COLUMNS[2:]))
+        self.rows.append(dict(zip(_COLUMNS, values, strict=True)))
+        self._evaluated = model.num_timesteps
         print(
-            f"{self.num_timesteps:>9} steps  {time.perf_counter() - self._started:6.1f} s  "
+            f"{model.num_timesteps:>9} steps  {self._seconds:6.1f} s  "
             f"success {result['success_rate']:6.1%}  median time {result['median_time_s']:.3f} s",
             flush=True,
         )
-        save(self.model, self.run.folder / "last", self.run.meta)
-        score = _score(result["success_rate"], result["median_time_s"])
-        if score > self._best:
-            self._best = score
-            save(self.model, self.run.folder / "best", self.run.meta)
 
-    def _best_so_far(self) -> tuple[float, float]:
-        scores = [_score(r["success_rate"], r["median_time_s"]) for r in read_curve(self.curve)]
-        return max(scores, default=(-1.0, 0.0))
+    def _save(self, at_the_end: bool = False) -> None:
+        """Write a checkpoint; where that fails on the way, say so and go on: else the model would be lost."""
+        try:
+            self.checkpoints.write(self._fill)
+        except OSError as error:
+            if at_the_end:
+                raise
+            note(f"no checkpoint at {self.model.num_timesteps} steps ({error}); the training goes on and tries again")
+
+    def _fill(self, folder: Path) -> None:
+        model = self.model
+        save_all(plain(model, about_model(model, self.run.meta), self.run.frames), folder / LAST)
+        save_tree(taken(model), folder / LAST, "training")
+        if self.best is not None:
+            save_all(self.best, folder / BEST)
+        text = io.StringIO()
+        writer = csv.DictWriter(text, _COLUMNS)
+        writer.writeheader()
+        writer.writerows(row | {"timesteps": int(row["timesteps"])} for row in self.rows)
+        (folder / CURVE).write_text(text.getvalue(), encoding="utf-8", newline="")
+        state = {
+            "format": 1, "timesteps": model.num_timesteps, "seconds": self._seconds, "evaluated": self._evaluated,
+            "next_evaluation": self._next,
+        }  # fmt: skip
+        (folder / "checkpoint.json").write_text(json.dumps(state, indent=2), encoding="utf-8")
+
+
+def curve_of(folder: Path) -> Path | None:
+    """The file with a run's learning curve, or None if it has none yet."""
+    newest = Checkpoints(folder).newest()
+    return next((p for p in (newest and newest / CURVE, folder / CURVE) if p is not None and p.exists()), None)
 
 
 def learning_curve(run: Run, folder: Path | None = None) -> None:
-    """Draw learning_curve.png: success rate and median time to goal on held-out episodes, over environment steps."""
-    rows = read_curve(run.folder / "learning_curve.csv")
-    if not rows:
+    """Draw learning_curve.png: success rate and median time to goal on held-out episodes, over environment steps.
+
+    folder : to write to; by default the run's, where the numbers are put beside it as they are in the newest checkpoint
+    """
+    path = curve_of(run.folder)
+    rows = [] if path is None else read_curve(path)
+    if not rows or path is None:
         return
+    if folder is None:
+        write_whole(run.folder / CURVE, path.read_text(encoding="utf-8"))
+    from magwire_env.plotting import BLUE, RED, blank, styled
+
     steps = np.array([r["timesteps"] for r in rows]) / 1e6
     with styled():
         figure, (top, bottom) = blank(2, 1, size=(7, 5), sharex=True)
@@ -239,58 +245,40 @@ def learning_curve(run: Run, folder: Path | None = None) -> None:
 
 
 def read_curve(path: Path) -> list[dict[str, float]]:
-    """The rows of a learning_curve.csv; none if there is no file yet."""
-    if not path.exists():
-        return []
-    with path.open(newline="", encoding="utf-8") as file:
-        return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+    """The rows of a learning_curve.csv. Raises `ValueError`, naming it, for one that is damaged."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+    except (TypeError, ValueError, csv.Error) as error:
+        raise ValueError(f"{path} is truncated or damaged: {error}") from error
+    if any(set(row) != set(_COLUMNS) for row in rows):
+        raise ValueError(f"{path} must have the columns {', '.join(_COLUMNS)}, got {', '.join(map(str, rows[0]))}")
+    return rows
 
 
-def _score(success_rate: float, median_time: float) -> tuple[float, float]:
-    """How good a model is: success first, then speed."""
-    return success_rate, -median_time if median_time == median_time else -float("inf")
+def _score(row: dict[str, float]) -> tuple[float, float]:
+    """Success first, then speed."""
+    time = row["median_time_s"]
+    return row["success_rate"], -time if time == time else -float("inf")
 
 
 @contextmanager
-def _interruptible(progress: Progress) -> Iterator[None]:
-    """Ctrl-C requests a stop between two steps; a second Ctrl-C stops at once."""
+def _stopped_by_signals(ask: Callable[[], None]) -> Iterator[None]:
+    """Ctrl-C or SIGTERM asks for a stop between rollouts; a second one stops at once."""
+    kinds = [kind for kind in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(kind) is not signal.SIG_IGN]
 
-    def ask(*_: Any) -> None:
-        progress.interrupted = True
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    def asked(*_: Any) -> None:
+        ask()
+        for kind in kinds:
+            signal.signal(kind, signal.default_int_handler)
 
     try:
-        before = signal.signal(signal.SIGINT, ask)
-    except ValueError:  # not in the main thread, where signals cannot be caught
+        before = [signal.signal(kind, asked) for kind in kinds]
+    except ValueError:  # not in the main thread: the caller's own business
         yield
         return
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def _env_settings(config: dict[str, Any]) -> dict[str, Any]:
-    return {} if config["scenario"] is None else {"scenario": config["scenario"]}
-
-
-def _changed(settings: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """`settings` with `changes`; a name "block.inner" changes an entry of a block."""
-    settings = dict(settings)
-    for name, value in changes.items():
-        block, _, inner = name.partition(".")
-        settings[block] = {**settings.get(block, {}), inner: value} if inner else value
-    return settings
-
-
-def _free_folder(config: Config) -> Path:
-    """A folder under runs/ that does not exist yet."""
-    base = Path("runs") / f"{config.task.split('/')[-1]}-{config.algorithm}-seed{config.seed}"
-    folder, number = base, 2
-    while folder.exists():
-        folder, number = base.with_name(f"{base.name}-{number}"), number + 1
-    return folder
-
-
-def _versions() -> dict[str, str]:
-    return {"python": platform.python_version(), "machine": platform.machine()} | {p: version(p) for p in _PACKAGES}
+        for kind, handler in zip(kinds, before, strict=True):
+            signal.signal(kind, handler)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import struct
 import tempfile
 import warnings
 import zipfile
+import zlib
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
@@ -17,12 +19,18 @@ import numpy as np
 
 from magwire_env.scenario import Scenario
 
+from ..notes import note
 from .starts import Starts
 
 __all__ = ["VERSION", "Cache", "default_folder"]
 
 VERSION = 2
 """Goes up when a change of the planner makes it find other plans."""
+
+
+_DAMAGE = (OSError, ValueError, KeyError, EOFError, TypeError, RuntimeError, MemoryError, OverflowError, SyntaxError,
+           struct.error, zlib.error, zipfile.BadZipFile)  # fmt: skip
+"""What reading a damaged archive raises."""
 
 
 def default_folder() -> Path:
@@ -68,17 +76,23 @@ class Cache:
                 plan, value = np.array(file["plan"], dtype=np.float32), float(file["value"])
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as failure:
+        except _DAMAGE as failure:
             warnings.warn(f"{path} is damaged, so its plan is made again: {failure}", stacklevel=2)
             return None
-        if plan.ndim != 2 or not np.isfinite(plan).all() or not np.isfinite(value):
+        if plan.ndim != 2 or not plan.size or not np.isfinite(plan).all() or not np.isfinite(value):
             warnings.warn(f"{path} holds no plan, so it is made again: shape {plan.shape}", stacklevel=2)
             return None
         return plan, value
 
     def store(self, key: str, plan: np.ndarray, value: float) -> None:
-        """Put a plan on disk, whole or not at all."""
-        path = self.path(key)
+        """Put a plan on disk, whole or not at all. A full disk, or one that may not be written, is said, and no more:
+        the plan serves all the same."""
+        try:
+            self._store(self.path(key), plan, value)
+        except OSError as error:
+            note(f"plans cannot be kept in {self.folder} ({error}); set MAGWIRE_CACHE to a folder that can be written")
+
+    def _store(self, path: Path, plan: np.ndarray, value: float) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
         try:

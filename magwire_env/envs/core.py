@@ -16,6 +16,7 @@ from ..quasistatic import certificate
 from ..scenario import Scenario
 from ..simulation import Places, Simulator
 from ..simulation.model import supports
+from ..simulation.simulator import FARTHEST_SETTING
 from . import kernels
 from .action import Actuation
 from .episodes import Episodes
@@ -156,7 +157,7 @@ class SteeringCore:
         placement = drawn[:, 3:] * np.array([v.placement for v in ranges])[:, None]
         factors[:, 0] = np.maximum(factors[:, 0], 0.0)
         friction, stiffness, remanence = factors.T
-        self.sim.vary(lanes, friction, stiffness, remanence, placement.reshape(-1, magnets, 3))
+        self.sim.vary(lanes, friction, stiffness, remanence, placement.reshape(len(lanes), magnets, 3))
         for name, column in zip(self.varied, factors.T, strict=True):
             self.varied[name][lanes] = column
 
@@ -196,6 +197,11 @@ class SteeringCore:
             magnet = _per_lane(
                 "magnet_angle", options["magnet_angle"], n, (self.sim.dof,), "rad for turns, m for slides"
             )[lanes]
+            if np.abs(magnet).max() > FARTHEST_SETTING:
+                raise ValueError(
+                    f"options['magnet_angle'] must lie within ±{FARTHEST_SETTING:g} (rad for turns, m for slides), "
+                    f"got {options['magnet_angle']!r}"
+                )
         return Places(tip, start.branch), Places(target, goal.branch), magnet
 
     def reference_ahead(self, offsets: Sequence[float]) -> np.ndarray:

@@ -70,3 +70,12 @@ class Readings:
         depth = self._delay[entries] + 1
         self._history[steps % depth, lanes] = np.clip(seen, -self._bound, self._bound)
         return self._history[np.maximum(steps - depth + 1, 0) % depth, lanes]
+
+    def history(self) -> np.ndarray | None:
+        """The last readings of every lane, (depth, n, size); None where readings are perfect."""
+        return self._history.copy() if self.active else None
+
+    def load_history(self, history: np.ndarray | None) -> None:
+        """Put back what `history` gave."""
+        if self.active:
+            self._history[:] = history

@@ -63,7 +63,10 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.render_mode = render_mode
-        self._rngs: list[np.random.Generator | None] = [None] * num_envs
+        self.generators: list[np.random.Generator | None] = [None] * num_envs
+        """Each lane's random source."""
+        self.began: list[dict[str, Any]] = [{}] * num_envs
+        """The states that the generators were in when the running episodes began."""
         self._ended = np.ones(num_envs, dtype=np.bool_)
         self._started = False
         self.final_observation: np.ndarray | None = None
@@ -88,9 +91,8 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if "reset_mask" in options:
             lanes = np.flatnonzero(self._mask(options.pop("reset_mask")))
         if seed is not None:
-            self._seed(
-                [seed + i for i in range(self.num_envs)] if isinstance(seed, (int, np.integer)) else list(seed), lanes
-            )
+            one = isinstance(seed, (int, np.integer)) and not isinstance(seed, bool)
+            self._seed([int(seed) + i for i in range(self.num_envs)] if one else list(seed), lanes)  # type: ignore
         self._begin(lanes, options)
         self._started = True
         mask = np.zeros(self.num_envs, dtype=np.bool_)
@@ -151,9 +153,11 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _begin(self, lanes: np.ndarray, options: dict[str, Any]) -> None:
         rngs = []
         for lane in lanes:
-            if self._rngs[lane] is None:
-                self._rngs[lane] = seeding.np_random(None)[0]
-            rngs.append(self._rngs[lane])
+            rng = self.generators[lane]
+            if rng is None:
+                rng = self.generators[lane] = seeding.np_random(None)[0]
+            self.began[lane] = dict(rng.bit_generator.state)
+            rngs.append(rng)
         self.core.begin(lanes, rngs, options)
         if self._frames is not None:
             self._frames.forget(lanes)
@@ -163,7 +167,8 @@ class MagWireVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be one number or {self.num_envs} (num_envs) of them, got {len(seeds)}")
         for lane in lanes:
-            self._rngs[lane] = seeding.np_random(seeds[lane])[0]
+            own = seeds[lane]
+            self.generators[lane] = seeding.np_random(int(own) if isinstance(own, np.integer) else own)[0]
 
     def _mask(self, mask: Any) -> np.ndarray:
         if (

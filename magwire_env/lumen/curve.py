@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ..physics.checks import points_array, positive
+from ..physics.checks import points_array
+from ..physics.ranges import RANGES, ranged
 
 __all__ = ["Tract"]
 
@@ -45,6 +46,9 @@ class Tract:
 
     def __post_init__(self) -> None:
         xyz = points_array("Tract.points", self.points, "m")
+        low, high, _ = RANGES["Tract.points"]
+        if len(xyz) and not (low <= xyz.min() and xyz.max() <= high):
+            raise ValueError(f"Tract.points must lie in [{low:g}, {high:g}] (in m), got {xyz.min():g} to {xyz.max():g}")
         object.__setattr__(self, "points", tuple(map(tuple, xyz.tolist())))
         object.__setattr__(self, "radius", _checked_radius(self.radius, len(xyz)))
         object.__setattr__(self, "closed", bool(self.closed))
@@ -230,8 +234,8 @@ def _check_course(xyz: np.ndarray, closed: bool) -> None:
 
 def _checked_radius(radius: Any, count: int) -> float | tuple[float, ...]:
     if radius is None or np.isscalar(radius) or getattr(radius, "ndim", 1) == 0:
-        return positive("Tract.radius", radius, "m")
-    radii = tuple(positive(f"Tract.radius[{i}]", r, "m") for i, r in enumerate(radius))
+        return ranged("Tract.radius", radius)
+    radii = tuple(ranged("Tract.radius", r, f"Tract.radius[{i}]") for i, r in enumerate(radius))
     if len(radii) != count:
         raise ValueError(
             f"Tract.radius must be one number or one for each of the {count} points (in m), got {len(radii)}"

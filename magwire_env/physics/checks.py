@@ -19,8 +19,10 @@ def finite(name: str, value: Any, unit: str = "") -> float:
         number = float(value)
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be a number{_in(unit)}, got {value!r}") from None
+    except OverflowError:  # a whole number beyond all floats
+        number = math.inf
     if not math.isfinite(number):
-        raise ValueError(f"{name} must be finite{_in(unit)}, got {value!r}")
+        raise ValueError(f"{name} must be finite{_in(unit)}, got {_short(value)}")
     return number
 
 
@@ -72,8 +74,8 @@ def vector(name: str, value: Any, length: int = 3, unit: str = "") -> tuple[floa
         if isinstance(value, (str, bytes)):
             raise TypeError
         items = tuple(float(x) for x in value)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be {length} numbers{_in(unit)}, got {value!r}") from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} must be {length} numbers{_in(unit)}, got {_short(value)}") from None
     if len(items) != length or not all(map(math.isfinite, items)):
         raise ValueError(f"{name} must be {length} finite numbers{_in(unit)}, got {value!r}")
     return items
@@ -83,7 +85,7 @@ def points_array(name: str, value: Any, unit: str = "") -> np.ndarray:
     """Return `value` as a finite float64 array of shape (n, 3) or raise `ValueError` naming it."""
     try:
         array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} must be an (n, 3) array{_in(unit)}, got {type(value).__name__}") from None
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"{name} must have shape (n, 3){_in(unit)}, got shape {array.shape}")
@@ -91,6 +93,15 @@ def points_array(name: str, value: Any, unit: str = "") -> np.ndarray:
     if bad.size:
         raise ValueError(f"{name}[{bad[0]}] must be finite{_in(unit)}, got {array[bad[0]].tolist()}")
     return array
+
+
+def _short(value: Any) -> str:
+    """`value` for a message, cut where it is long; Python refuses to write out a whole number of 4300 digits."""
+    try:
+        text = repr(value)
+    except ValueError:
+        return "a number of thousands of digits"
+    return text if len(text) <= 200 else f"{text[:197]}…"
 
 
 def _in(unit: str) -> str:

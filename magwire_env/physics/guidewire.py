@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from .checks import positive, whole
+from .ranges import counted, ranged
 
 __all__ = ["Guidewire"]
 
@@ -39,10 +39,9 @@ class Guidewire:
     segments: int
 
     def __post_init__(self) -> None:
-        units = {"length": "m", "radius": "m", "axial_modulus": "Pa", "bending_modulus": "Pa", "density": "kg/m³"}
-        for name, unit in units.items():
-            object.__setattr__(self, name, positive(f"Guidewire.{name}", getattr(self, name), unit))
-        object.__setattr__(self, "segments", whole("Guidewire.segments", self.segments, 2))
+        for name in ("length", "radius", "axial_modulus", "bending_modulus", "density"):
+            object.__setattr__(self, name, ranged(f"Guidewire.{name}", getattr(self, name)))
+        object.__setattr__(self, "segments", counted("Guidewire.segments", self.segments))
 
     @property
     def area(self) -> float:

@@ -19,13 +19,17 @@ from typing import Any
 
 import numpy as np
 
-from .checks import non_negative, one_of, positive, vector, whole
+from .checks import one_of, whole
 from .dipoles import MU0, DipoleCloud
 from .fitted_cloud import SIZES, fitted_points
+from .ranges import ranged, ranged_vector
 
 __all__ = ["RULES", "BlockMagnet", "CylinderMagnet", "Magnet", "PointDipole"]
 
 RULES = ("grid", "gauss", "fitted")
+
+MOST_DIPOLES = 200_000
+"""Of one cloud; the paper's has 2000."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +47,8 @@ class BlockMagnet:
     remanence: float
 
     def __post_init__(self) -> None:
-        size = vector("BlockMagnet.size", self.size, 3, "m")
-        for edge in size:
-            positive("BlockMagnet.size", edge, "m")
-        object.__setattr__(self, "size", size)
-        object.__setattr__(self, "remanence", positive("BlockMagnet.remanence", self.remanence, "T"))
+        object.__setattr__(self, "size", ranged_vector("BlockMagnet.size", self.size))
+        object.__setattr__(self, "remanence", ranged("BlockMagnet.remanence", self.remanence))
 
     @property
     def volume(self) -> float:
@@ -96,9 +97,9 @@ class CylinderMagnet:
     mass: float | None = None
 
     def __post_init__(self) -> None:
-        for name, unit in (("diameter", "m"), ("height", "m"), ("remanence", "T")):
-            object.__setattr__(self, name, positive(f"CylinderMagnet.{name}", getattr(self, name), unit))
-        mass = 7500.0 * self.volume if self.mass is None else non_negative("CylinderMagnet.mass", self.mass, "kg")
+        for name in ("diameter", "height", "remanence"):
+            object.__setattr__(self, name, ranged(f"CylinderMagnet.{name}", getattr(self, name)))
+        mass = 7500.0 * self.volume if self.mass is None else ranged("CylinderMagnet.mass", self.mass)
         object.__setattr__(self, "mass", mass)
 
     @property
@@ -150,7 +151,7 @@ class PointDipole:
     strength: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "strength", positive("PointDipole.strength", self.strength, "A·m²"))
+        object.__setattr__(self, "strength", ranged("PointDipole.strength", self.strength))
 
     @property
     def moment(self) -> float:
@@ -176,10 +177,13 @@ def _rule(rule: str, n: Any) -> tuple[str, tuple[int, int, int]]:
     if rule == "fitted":
         raise ValueError("rule must be 'grid' or 'gauss' for a magnet that is no cuboid, got 'fitted'")
     if not isinstance(n, (tuple, list)):
-        return rule, (whole("n", n, 1),) * 3
+        n = (whole("n", n, 1),) * 3
     if len(n) != 3:
         raise ValueError(f"n must be a whole number of at least 1, or three of them, got {n!r}")
-    return rule, (whole("n[0]", n[0], 1), whole("n[1]", n[1], 1), whole("n[2]", n[2], 1))
+    counts = (whole("n[0]", n[0], 1), whole("n[1]", n[1], 1), whole("n[2]", n[2], 1))
+    if math.prod(counts) > MOST_DIPOLES:
+        raise ValueError(f"n must make at most {MOST_DIPOLES} dipoles, got {counts}")
+    return rule, counts
 
 
 def _nodes(rule: str, n: int) -> tuple[np.ndarray, np.ndarray]:

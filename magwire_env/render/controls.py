@@ -16,11 +16,11 @@ from .snapshot import Snapshot, axis_rotation
 if TYPE_CHECKING:
     from .browser import Page
 
-__all__ = ["HAND", "Controls"]
+__all__ = ["CLICKS", "HAND", "Controls"]
 
 HAND = "your hand"
 
-_CLICKS = {"turns the magnet": "turns", "starts there": "starts"}
+CLICKS = {"turns the magnet": "turns", "starts there": "starts"}
 
 
 class Controls:
@@ -48,16 +48,17 @@ class Controls:
         self.speed = gui.add_slider("Speed", min=0.1, max=4.0, step=0.1, initial_value=1.0)
         self.go = gui.add_button("Play", color="teal")
         self.again = gui.add_button("Reset", color="gray")
-        self.click = gui.add_dropdown("Map click", tuple(_CLICKS))
+        self.click = gui.add_dropdown("Map click", tuple(CLICKS))
         self.lines = gui.add_checkbox("Field lines", True)
-        for widget in (self.task, self.scenario):
-            self._on(widget, lambda _: page.open(self.task.value, self.scenario.value))
+        self._on(self.task, lambda value: page.open(value, self.scenario.value))
+        self._on(self.scenario, lambda value: page.open(self.task.value, value))
         self._on(self.policy, page.choose_policy)
-        self._on(self.speed, lambda value: setattr(page, "speed", float(value)))
-        self._on(self.click, lambda value: setattr(page, "click", _CLICKS[value]))
-        self._on(self.lines, lambda value: page.scene.show_lines(value))
-        self.go.on_click(lambda _: page.requests.put(lambda: page.play(not page.playing)))
-        self.again.on_click(lambda _: page.requests.put(page.reset))
+        self._on(self.speed, page.set_speed)
+        self._on(self.click, page.set_click)
+        self._on(self.lines, lambda value: page.scene.show_lines(bool(value)))
+        for button, wish in ((self.go, lambda: page.play(not page.playing)), (self.again, page.reset)):
+            page.guard.kinds[button._impl.uuid] = bool
+            button.on_click(lambda _, wish=wish: page.requests.put(wish))
 
     def _on(self, widget: Any, wish: Any) -> None:
         """`wish` is done, with the new value, when a visitor and not the page itself changes the widget.
@@ -70,6 +71,7 @@ class Controls:
                 value = widget.value
                 self.page.requests.put(lambda: wish(value))
 
+        self.page.guard.kinds[widget._impl.uuid] = type(widget.value)
         widget.on_update(changed)
 
     def _charts(self, gui: Any) -> None:
@@ -172,6 +174,16 @@ class Controls:
         if self.policy.value != self.page.policy_name:
             self.policy.value = self.page.policy_name
 
+    def restore(self) -> None:
+        """Have the choices show what stands, after a wish that was refused."""
+        page, click = self.page, next(words for words, kind in CLICKS.items() if kind == self.page.click)
+        for widget, value in (
+            (self.policy, page.policy_name), (self.task, page.task), (self.scenario, page.scenario_name),
+            (self.speed, page.speed), (self.click, click),
+        ):  # fmt: skip
+            if widget.value != value:
+                widget.value = value
+
     def report(self) -> None:
         """Numbers and charts."""
         page, now = self.page, self.page.shown
@@ -188,8 +200,8 @@ class Controls:
         words = "| | | | |\n|---|---|---|---|\n" + "\n".join(f"| {' | '.join(row)} |" for row in rows)
         if page.summary is not None:
             words += "\n\n**" + (f"goal in {page.summary['time']:.2f} s" if page.success else "not reached") + "**"
-        if page.message:
-            words += f"\n\n{page.message}"
+        for line in (page.progress, page.message):
+            words += f"\n\n{line}" if line else ""
         if self.numbers.content != words:
             self.numbers.content = words
         past = page.past

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.checks import finite, one_of, positive, vector
+from ..physics.checks import one_of
 from ..physics.dipoles import field_gradient
 from ..physics.fitted_cloud import SIZES
 from ..physics.magnets import RULES, BlockMagnet, Magnet
+from ..physics.ranges import ranged, ranged_vector
 
 __all__ = ["ActuatedMagnet", "Coil", "Current", "Rig", "Slide", "Turn", "cheapest_rule", "wrapped"]
 
@@ -34,8 +35,8 @@ class Turn:
 
     def __post_init__(self) -> None:
         one_of("Turn.axis", self.axis, tuple(_AXES))
-        object.__setattr__(self, "home", finite("Turn.home", self.home, "rad"))
-        object.__setattr__(self, "speed", positive("Turn.speed", self.speed, "rad/s"))
+        for name in ("home", "speed"):
+            object.__setattr__(self, name, ranged(f"Turn.{name}", getattr(self, name)))
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,8 @@ class Slide:
 
     def __post_init__(self) -> None:
         one_of("Slide.axis", self.axis, tuple(_AXES))
-        for name in ("low", "high", "home"):
-            object.__setattr__(self, name, finite(f"Slide.{name}", getattr(self, name), "m"))
-        object.__setattr__(self, "speed", positive("Slide.speed", self.speed, "m/s"))
+        for name in ("low", "high", "home", "speed"):
+            object.__setattr__(self, name, ranged(f"Slide.{name}", getattr(self, name)))
         if not self.low <= self.home <= self.high or self.low == self.high:
             raise ValueError(f"Slide.home must lie in [low, high] with low < high (in m), got {self}")
 
@@ -82,7 +82,7 @@ class ActuatedMagnet:
     dipoles: tuple[Any, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", vector("ActuatedMagnet.position", self.position, 3, "m"))
+        object.__setattr__(self, "position", ranged_vector("ActuatedMagnet.position", self.position))
         object.__setattr__(self, "dofs", tuple(self.dofs))
         turns = [d for d in self.dofs if isinstance(d, Turn)]
         slides = [d.axis for d in self.dofs if isinstance(d, Slide)]
@@ -124,9 +124,8 @@ class Current:
     speed: float = 100.0
 
     def __post_init__(self) -> None:
-        for name in ("low", "high", "home"):
-            object.__setattr__(self, name, finite(f"Current.{name}", getattr(self, name), "A"))
-        object.__setattr__(self, "speed", positive("Current.speed", self.speed, "A/s"))
+        for name in ("low", "high", "home", "speed"):
+            object.__setattr__(self, name, ranged(f"Current.{name}", getattr(self, name)))
         if not self.low <= self.home <= self.high or self.low == self.high:
             raise ValueError(f"Current.home must lie in [low, high] with low < high (in A), got {self}")
 
@@ -153,9 +152,9 @@ class Coil:
 
     def __post_init__(self) -> None:
         one_of("Coil.axis", self.axis, tuple(_AXES))
-        object.__setattr__(self, "uniform", finite("Coil.uniform", self.uniform, "T/A"))
-        object.__setattr__(self, "gradient", finite("Coil.gradient", self.gradient, "T/(m·A)"))
-        object.__setattr__(self, "position", vector("Coil.position", self.position, 3, "m"))
+        for name in ("uniform", "gradient"):
+            object.__setattr__(self, name, ranged(f"Coil.{name}", getattr(self, name)))
+        object.__setattr__(self, "position", ranged_vector("Coil.position", self.position))
         if not (self.uniform or self.gradient):
             raise ValueError(f"Coil.uniform and Coil.gradient must not both be 0, got {self}")
 

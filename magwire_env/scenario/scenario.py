@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from ..lumen.curve import Tract
-from ..physics.checks import non_negative, one_of, positive, vector, whole
+from ..physics.checks import one_of, positive
 from ..physics.guidewire import Guidewire
 from ..physics.magnets import BlockMagnet, CylinderMagnet, PointDipole
+from ..physics.ranges import counted, ranged, ranged_vector
 from . import steps
 from .rig import ActuatedMagnet, Coil, Current, Rig, Slide, Turn, cheapest_rule
 from .sensing import Reading, Sensing, Variation
@@ -40,6 +41,8 @@ __all__ = [
 
 COUPLINGS = ("force", "wrench")
 _SHIPPED = Path(__file__).parents[1] / "scenarios"
+_MOST_BYTES = 64 * 2**20
+"""Size beyond which a scenario's file is refused unread."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +65,8 @@ class Contact:
     wall_force_limit: float = 0.1
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "friction", non_negative("Contact.friction", self.friction))
-        object.__setattr__(self, "drag", non_negative("Contact.drag", self.drag, "N·s/m²"))
-        for name, unit in (("stick_speed", "m/s"), ("lever", "m"), ("wall_force_limit", "N")):
-            object.__setattr__(self, name, positive(f"Contact.{name}", getattr(self, name), unit))
+        for name in ("friction", "drag", "stick_speed", "lever", "wall_force_limit"):
+            object.__setattr__(self, name, ranged(f"Contact.{name}", getattr(self, name)))
 
 
 @dataclass(frozen=True)
@@ -79,9 +80,9 @@ class Timing:
     substeps: int | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "control_period", positive("Timing.control_period", self.control_period, "s"))
+        object.__setattr__(self, "control_period", ranged("Timing.control_period", self.control_period))
         if self.substeps is not None:
-            object.__setattr__(self, "substeps", whole("Timing.substeps", self.substeps, 1))
+            object.__setattr__(self, "substeps", counted("Timing.substeps", self.substeps))
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ class Scenario:
 
     def __post_init__(self) -> None:
         one_of("Scenario.coupling", self.coupling, COUPLINGS)
-        object.__setattr__(self, "gravity", vector("Scenario.gravity", self.gravity, 3, "m/s²"))
+        object.__setattr__(self, "gravity", ranged_vector("Scenario.gravity", self.gravity))
         if self.tract.closed and self.coupling == "force":
             raise ValueError(
                 "Scenario.coupling must be 'wrench' on a closed tract, where F·t does net work a lap, got 'force'"
@@ -153,10 +154,17 @@ class Scenario:
         `magwire_env.scenario.steps.substeps_needed` derives the number. Soft wires, the paper's among them, take steps
         of 50 ms. A scenario that needs more than `MOST_SUBSTEPS` is refused.
         """
-        return self._substeps if self.timing.substeps is None else self.timing.substeps
+        return self.substeps_needed if self.timing.substeps is None else self.timing.substeps
+
+    @property
+    def step_too_long(self) -> bool:
+        """Whether `timing` gives fewer substeps than the wire needs: all its motion is then reported as unconverged."""
+        given = self.timing.substeps
+        return given is not None and self.model == "locked" and given < self.substeps_needed
 
     @cached_property
-    def _substeps(self) -> int:
+    def substeps_needed(self) -> int:
+        """Integration steps in one control period that the wire needs."""
         return steps.substeps_needed(self)
 
     @property
@@ -215,9 +223,24 @@ class Scenario:
 
     def save(self, path: str | Path) -> None:
         """Write the scenario as TOML; a tract is stored by its points, so the file stands alone."""
+        Path(path).write_text(self.dumps(), encoding="utf-8")
+
+    def dumps(self) -> str:
+        """The text that `save` writes."""
         import tomli_w
 
-        Path(path).write_text(tomli_w.dumps(_to_toml(self)), encoding="utf-8")
+        return tomli_w.dumps(_to_toml(self))
+
+    @classmethod
+    def loads(cls, text: str, where: str = "the scenario") -> Scenario:
+        """Read a scenario from TOML text; `where` names it in errors, which are those of `load`."""
+        try:
+            tree = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise ValueError(f"{where} is not valid TOML: {error}") from error
+        except (RecursionError, ValueError) as error:  # brackets in brackets, whole numbers of thousands of digits
+            raise ValueError(f"{where} is not valid TOML: {type(error).__name__}: {error}") from error
+        return _from_toml(cls, tree, where)
 
     @classmethod
     def load(cls, path: str | Path) -> Scenario:
@@ -233,11 +256,14 @@ class Scenario:
                     f"no file {str(path)!r}, and no shipped scenario of that name; shipped: {', '.join(names)}"
                 )
             file = _SHIPPED / f"{path}.toml"
+        size = file.stat().st_size
+        if size > _MOST_BYTES:
+            raise ValueError(f"{file} is {size} bytes long, more than the {_MOST_BYTES} of a scenario")
         try:
-            tree = tomllib.loads(file.read_text(encoding="utf-8"))
-        except tomllib.TOMLDecodeError as error:
-            raise ValueError(f"{file} is not valid TOML: {error}") from error
-        return _from_toml(cls, tree, str(file))
+            text = file.read_text(encoding="utf-8")
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{file} must be text in UTF-8: {error}") from error
+        return cls.loads(text, str(file))
 
 
 def above(tract: Tract, distance: float) -> tuple[float, float, float]:

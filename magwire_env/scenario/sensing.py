@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ..physics.checks import non_negative, whole
+from ..physics.ranges import counted, ranged
 
 __all__ = ["Reading", "Sensing", "Variation"]
 
@@ -27,7 +27,7 @@ class Reading:
 
     def __post_init__(self) -> None:
         for name in ("noise", "bias", "step"):
-            object.__setattr__(self, name, non_negative(f"Reading.{name}", getattr(self, name)))
+            object.__setattr__(self, name, ranged(f"Reading.{name}", getattr(self, name)))
 
     def __bool__(self) -> bool:
         return bool(self.noise or self.bias or self.step)
@@ -53,7 +53,7 @@ class Sensing:
     delay: int = 0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "delay", whole("Sensing.delay", self.delay, 0))
+        object.__setattr__(self, "delay", counted("Sensing.delay", self.delay))
 
     def __bool__(self) -> bool:
         return bool(self.length or self.speed or self.force or self.torque or self.angle or self.delay)
@@ -76,10 +76,7 @@ class Variation:
 
     def __post_init__(self) -> None:
         for name in ("friction", "stiffness", "remanence", "placement"):
-            object.__setattr__(self, name, non_negative(f"Variation.{name}", getattr(self, name)))
-        for name in ("stiffness", "remanence"):
-            if getattr(self, name) >= 1:
-                raise ValueError(f"Variation.{name} must be less than 1, got {getattr(self, name)!r}")
+            object.__setattr__(self, name, ranged(f"Variation.{name}", getattr(self, name)))
 
     def __bool__(self) -> bool:
         return bool(self.friction or self.stiffness or self.remanence or self.placement)

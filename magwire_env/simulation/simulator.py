@@ -72,6 +72,7 @@ class Simulator(Observed):
         self.library = scenario if isinstance(scenario, Library) else Library(scenarios)
         self.time = np.zeros(n)
         self._threads, self._period = threads, self.library.control_period
+        self._some_step_too_long = bool(self.library.too_long_step.any())
         self._scratch: Simulator | None = None
         self._lock = threading.RLock()
         self.rig = RigLanes(self.library.rigs, self.num_envs)
@@ -145,13 +146,16 @@ class Simulator(Observed):
     ) -> None:
         """Depart from the scenarios in `lanes` until they are next assigned: factors (n,), shifts (n, magnets, 3) m.
 
-        Raises `ValueError` for numbers that are not finite, before anything is changed.
+        Raises `ValueError` for numbers that are not finite, or factors beyond a thousand, before anything is changed.
         """
         lanes = self._checked_lanes(lanes)
         shift_shape = (len(lanes), self.library.magnet_count, 3)
         given = {"friction": friction, "stiffness": stiffness, "remanence": remanence}
         factors = {name: _numbers(name, value, (len(lanes),), "") for name, value in given.items()}
         shifts = _numbers("placement", placement, shift_shape, "m")
+        for name, factor in factors.items():
+            if factor.size and not (factor.min() >= 0.0 and factor.max() <= 1e3):
+                raise ValueError(f"{name} must lie in [0, 1000], got {factor.min():g} to {factor.max():g}")
         self.rig.vary(lanes, factors.pop("remanence"), shifts)
         self.model.vary(lanes, factors)
 
@@ -176,8 +180,9 @@ class Simulator(Observed):
         if places is None and tip_arclength is None:
             places = self.model.start(entries)
         elif places is None:
-            places = Places(_numbers("tip_arclength", np.asarray(tip_arclength), (n,), "m"))
-        magnet = self.library.home[entries] if magnet is None else self._checked(magnet, n, "magnet")
+            places = Places(_numbers("tip_arclength", tip_arclength, (n,), "m"))
+        _check_places(places, "tip_arclength")
+        magnet = self.library.home[entries] if magnet is None else self._setting(magnet, n)
         self.lay(lanes, places, magnet)
 
     def lay(self, lanes: np.ndarray, places: Places, magnet: np.ndarray, goals: Places | None = None) -> None:
@@ -193,7 +198,7 @@ class Simulator(Observed):
     def set_rig(self, magnet: np.ndarray, lanes: np.ndarray | None = None) -> None:
         """Put the rig of `lanes` (all by default) to (n, dof) rad or m, as if it had always been there."""
         lanes = np.arange(self.num_envs) if lanes is None else self._checked_lanes(lanes)
-        self.rig.q[:, lanes] = self._checked(magnet, len(lanes), "magnet").T
+        self.rig.q[:, lanes] = self._setting(magnet, len(lanes)).T
         self.model.refresh(lanes)
 
     def set_goal(self, lanes: np.ndarray, places: Places | np.ndarray) -> None:
@@ -201,7 +206,11 @@ class Simulator(Observed):
 
         places : `Places`, or (n,) m along the first branch
         """
-        self._aim(self._checked_lanes(lanes), places if isinstance(places, Places) else Places(places))
+        lanes, places = self._checked_lanes(lanes), places if isinstance(places, Places) else Places(places)
+        if len(places) != len(lanes):
+            raise ValueError(f"places must be one for each of the {len(lanes)} lanes, got {len(places)}")
+        _check_places(places, "places")
+        self._aim(lanes, places)
 
     def _aim(self, lanes: np.ndarray, places: Places) -> None:
         self._goal[0][lanes], self._goal[1][lanes] = places.branch, places.s
@@ -221,7 +230,8 @@ class Simulator(Observed):
 
         command : (num_envs, dof), rad for turns and m for slides; the servos move there at their limited speeds
 
-        Raises `ValueError`, before anything moves, for a command of another shape or that is not finite.
+        Raises `ValueError`, before anything moves, for a command of another shape or that is not finite. Ctrl-C in
+        a step takes effect at its end.
         """
         self.command[:] = self._checked(command, self.num_envs, "command").T
         self.advance()
@@ -229,8 +239,13 @@ class Simulator(Observed):
     def advance(self) -> None:
         """`step` under what stands in `command`, unchecked: for callers that write it there themselves."""
         with self._lock:
-            self.model.step()
-            self.time += self._period
+            try:
+                self.model.step()
+            finally:  # an interrupt comes when the wires have moved
+                self.time += self._period
+            if self._some_step_too_long:
+                too_long = self.library.too_long_step[self.lane_scenario]
+                self.readout[ROW.unconverged, : self.num_envs] += self.library.substeps * too_long
 
     def refresh(self, lanes: np.ndarray) -> None:
         """Bring the readout of `lanes` (n,) up to date with their state, goals and parameters."""
@@ -311,6 +326,10 @@ class Simulator(Observed):
     # --- inside -----------------------------------------------------------------------------------------------------
 
     def _fits(self, state: SimulatorState) -> None:
+        for name in ("wire", "magnet", "time"):
+            array = getattr(state, name)
+            if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
+                raise ValueError(f"state.{name} must be an array of numbers, got {array!r:.80}")
         now = self.state(np.zeros(1, dtype=np.int64))
         wanted = (len(state), now.wire.shape[1])
         if state.wire.shape != wanted or state.magnet.shape != (len(state), self.dof):
@@ -319,6 +338,7 @@ class Simulator(Observed):
                 f"{(len(state), self.dof)}, got {state.wire.shape} and {state.magnet.shape}"
             )
         self._checked_lanes(state.lanes, "state.lanes")
+        self._setting(state.magnet, len(state))
         for name, array in (("wire", state.wire), ("magnet", state.magnet), ("time", state.time)):
             if not np.isfinite(array).all():
                 raise ValueError(f"state.{name} must be finite, got NaN or infinity")
@@ -328,13 +348,23 @@ class Simulator(Observed):
     def _checked_lanes(self, lanes: Any, name: str = "lanes") -> np.ndarray:
         """Whole numbers below `num_envs`: the kernels check no index, so every one that reaches them passes here."""
         array = np.atleast_1d(np.asarray(lanes))
-        if array.size == 0:
+        if array.shape == (0,):
             return array.astype(np.int64)
         if array.ndim != 1 or array.dtype.kind not in "iu":
             raise ValueError(f"{name} must be whole numbers (n,), got {lanes!r}")
-        if array.min() < 0 or array.max() >= self.num_envs:
+        if not array.size or array.min() < 0 or array.max() >= self.num_envs:
             raise ValueError(f"{name} must lie in [0, {self.num_envs - 1}], got {array.tolist()}")
         return array.astype(np.int64, copy=False)
+
+    def _setting(self, value: np.ndarray, n: int) -> np.ndarray:
+        """Where a rig is put, (n, dof) rad, m or A."""
+        array = self._checked(value, n, "magnet")
+        if array.size and np.abs(array).max() > FARTHEST_SETTING:
+            raise ValueError(
+                f"magnet must lie within ±{FARTHEST_SETTING:g} (rad for turns, m for slides), "
+                f"got {array.flat[np.abs(array).argmax()]:g}"
+            )
+        return array
 
     def _checked(self, value: np.ndarray, n: int, name: str) -> np.ndarray:
         array = np.asarray(value, dtype=np.float64)
@@ -348,10 +378,21 @@ class Simulator(Observed):
         return array
 
 
+FARTHEST_PLACE = 1e3
+"""m, along a tract or its straight extensions."""
+
+FARTHEST_SETTING = 1e6
+"""rad, m or A. From farther round, an angle's sine would be lost in rounding."""
+
 _TRIED = (
     ROW.travelled, ROW.remaining, ROW.speed, ROW.drive, ROW.lateral, ROW.torque, ROW.wall, ROW.unconverged,
 )  # fmt: skip
 """Rows of the readout that `Trajectories` has, in its order."""
+
+
+def _check_places(places: Places, name: str) -> None:
+    if places.s.size and not np.abs(places.s).max() <= FARTHEST_PLACE:
+        raise ValueError(f"{name} must lie within ±{FARTHEST_PLACE:g} m, got {places.s[np.abs(places.s).argmax()]:g}")
 
 
 def _numbers(name: str, value: Any, shape: tuple[int, ...], unit: str) -> np.ndarray:

@@ -91,7 +91,7 @@ def test_the_command_takes_a_class_from_outside_the_package(module, capsys):
         ("no_such_module:Thing", "importable module:Class, got 'no_such_module:Thing'"),
         ("own_controllers:Other", "importable module:Class"),
         ("numpy:ndarray", "must name a class with from_env"),
-        ("Nobody", "policy must be a model folder or one of MaxForce"),
+        ("Nobody", "policy must be a run's or policy's folder, module:Class or one of MaxForce"),
     ],
 )
 def test_names_of_nothing_are_refused(module, name, words):
@@ -121,5 +121,5 @@ def test_the_settings_follow_task_scenario_and_split():
 def test_a_run_folder_is_a_policy_with_its_own_env(run):
     own = resolve(str(run[0]))
     assert (own.name, own.task) == ("small", ID)
-    assert own.policy.meta["algorithm"] == "ppo"
+    assert own.policy.about.algorithm == "ppo"
     assert resolve(str(run[0]), scenario="hard").settings["scenario"] == "hard"

@@ -8,6 +8,7 @@ import pytest
 
 import magwire_env  # noqa: F401  (registers the ids)
 from magwire_env import Scenario
+from magwire_env.scenario import Coil, Rig
 
 ID = "MagWire/Steer-v0"
 
@@ -76,6 +77,7 @@ def test_a_scenario_that_does_not_exist_names_the_shipped_ones():
         ({"tip_arclength": np.nan}, r"options\['tip_arclength'\] must be finite"),
         ({"target": 5.0}, r"options\['target'\] must lie in \(0, 0.8\]"),
         ({"magnet_angle": [1.0, 2.0, 3.0]}, r"options\['magnet_angle'\] must be one number or"),
+        ({"magnet_angle": 1e300}, r"options\['magnet_angle'\] must lie within ±1e\+06"),
     ],
 )
 def test_bad_reset_options_leave_the_episode_as_it_was(options, words):
@@ -116,3 +118,44 @@ def test_a_list_of_seeds_must_fit():
 def test_a_wire_too_long_for_the_task_is_refused():
     with pytest.raises(ValueError, match="must leave a way between the start and the goal"):
         gym.make(ID, scenario=Scenario.paper().replace(wire__length=0.785))
+
+
+def test_seeds_may_be_numbers_of_numpy():
+    envs, same = gym.make_vec(ID, num_envs=2), gym.make_vec(ID, num_envs=2)
+    wanted = envs.reset(seed=5)[0]
+    for seed in (np.int64(5), [np.int64(5), np.int32(6)]):
+        assert np.array_equal(same.reset(seed=seed)[0], wanted)
+
+
+def test_a_rig_of_coils_alone_may_vary():
+    scenario = Scenario.paper().replace(rig=Rig((), (Coil("x"), Coil("y"))), variation__friction=0.5)
+    env = gym.make(ID, scenario=scenario, disable_env_checker=True)
+    _, info = env.reset(seed=0)
+    assert 0.5 <= info["variation/friction"] <= 1.5
+    env.step(np.zeros(2, dtype=np.float32))
+
+
+def test_tracking_goes_on_past_the_end_of_its_reference():
+    env = gym.make("MagWire/Track-v0", time_limit=0.5, disable_env_checker=True).unwrapped
+    env.reset(seed=0)
+    ends = [env.step(np.zeros(1, dtype=np.float32))[3] for _ in range(100)]
+    assert ends[4]
+    assert env.observation_space.contains(env.core.observe()[0])
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        (lambda sim: sim.reset(magnet=[[1e300]]), r"magnet must lie within ±1e\+06"),
+        (lambda sim: sim.set_rig([[-1e7]]), r"magnet must lie within ±1e\+06"),
+        (lambda sim: sim.load_state(sim.state().replaced(magnet=np.array([[1e9]]))), r"magnet must lie within"),
+        (lambda sim: sim.vary([0], [1e9], [1.0], [1.0], [[[0, 0, 0]]]), r"friction must lie in \[0, 1000\]"),
+        (lambda sim: sim.vary([0], [1.0], [-1.0], [1.0], [[[0, 0, 0]]]), r"stiffness must lie in \[0, 1000\]"),
+    ],
+)
+def test_a_simulator_refuses_settings_that_would_overflow(entry, words):
+    sim = gym.make(ID).unwrapped.simulator
+    before = sim.state()
+    with pytest.raises(ValueError, match=words):
+        entry(sim)
+    assert sim.state() == before

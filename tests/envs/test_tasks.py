@@ -225,7 +225,7 @@ def test_the_safety_mode_ends_an_episode_over_the_limit():
         (lambda: sensed(delay=1.5), "Sensing.delay must be a whole number of at least 0, got 1.5"),
         (
             lambda: Scenario.paper().replace(variation__remanence=1.0),
-            "Variation.remanence must be less than 1, got 1.0",
+            r"Variation.remanence must lie in \[0, 0.999\], got 1.0",
         ),
         (lambda: Task("x"), "Task must have either a scenario or a pool"),
         (

@@ -7,11 +7,13 @@ import math
 import shutil
 import socket
 import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import urlparse
 
 import numpy as np
 import pytest
+import viser
 
 import magwire_env
 from agents.catalogue import CONTROLLERS
@@ -324,12 +326,48 @@ def test_the_page_in_a_browser(visit, tmp_path):
     assert page.success
     tab.get_by_text("goal in").wait_for()
 
+    # Another page of this machine, in the same browser, cannot open it, even with the token.
+    assert from_another_page(page, tab) == "refused"
+
     # What is seen.
     shot = tmp_path / "page.png"
     tab.screenshot(path=shot)
     check_picture(shot)
     assert said == []
     assert {urlparse(url).hostname for url in asked if url.startswith("http")} == {"127.0.0.1"}
+
+
+def from_another_page(page, tab) -> str:
+    """What becomes of a connection that the page of another server asks for."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), Blank) as other:
+        threading.Thread(target=other.serve_forever, daemon=True).start()
+        second = tab.context.new_page()
+        second.goto(f"http://127.0.0.1:{other.server_address[1]}/")
+        address = page.url.replace("http://", "ws://").rstrip("/")
+        result = second.evaluate(
+            """([address, protocol]) => new Promise(done => {
+                const socket = new WebSocket(address, protocol);
+                socket.onopen = () => done("open");
+                socket.onerror = () => done("refused");
+            })""",
+            [address, f"viser-v{viser.__version__}"],
+        )
+        second.close()
+        other.shutdown()
+    return result
+
+
+class Blank(BaseHTTPRequestHandler):
+    """A page with nothing on it."""
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html")
+        self.end_headers()
+        self.wfile.write(b"<!doctype html><title>another</title>")
+
+    def log_message(self, *_) -> None:
+        pass
 
 
 def drag_ring(page, tab) -> None:

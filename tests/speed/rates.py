@@ -192,7 +192,8 @@ def training(lanes: int = 256, rollouts: int = 2) -> str:
         from stable_baselines3 import PPO
         from stable_baselines3.common.vec_env import VecEnv
 
-        from agents.learning.sb3 import hyperparameters, make_vec_env
+        from agents.learning.hyperparameters import hyperparameters
+        from agents.learning.sb3 import make_vec_env
     except ImportError as error:
         return f"PPO: skipped: {error}"
     real = make_vec_env(TASK, lanes, seed=0)

@@ -20,7 +20,7 @@ def test_the_command_evaluates_a_controller_and_a_model(run, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["evaluate", "NoSuch"], "policy must be a model folder or one of MaxForce"),
+        (["evaluate", "NoSuch"], "policy must be a run's or policy's folder, module:Class or one of MaxForce"),
         (["evaluate", "MaxForce", "--episodes", "0"], "episodes must be a whole number of at least 1"),
         (["evaluate", "MaxForce", "--scenario", "missing"], "no shipped scenario of that name"),
         (["train", "--task", "MagWire/None-v9"], "exist in namespace MagWire"),

@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
-import json
-import shutil
-
 import gymnasium as gym
 import pytest
 
-from agents.cli.view import _lazily, _policies, _time_to_beat
+from agents.cli import view
+from agents.cli.view import Play, _policies
+from magwire_env.render import play as playing
 
 ID = "MagWire/Steer-v0"
 
 
-def test_the_time_to_beat():
-    assert _time_to_beat(ID, 0, {}) == pytest.approx(7.5, abs=0.3)
-    assert _time_to_beat(ID, 0, {"time_limit": 1.0}) is None
+@pytest.mark.parametrize("against", ["MaxForce", "RUN"])
+def test_the_time_to_beat(against, run, monkeypatch):
+    """`play` asks for it, of a controller or of a trained policy."""
+    games: list[playing.Game] = []
+    monkeypatch.setattr(playing, "play", games.append)
+    view.RUN[Play](Play(against=str(run[0]) if against == "RUN" else against))
+    (game,) = games
+    assert game.name == ("MaxForce" if against == "MaxForce" else run[0].name)
+    if against == "MaxForce":
+        assert game.to_beat == pytest.approx(7.5, abs=0.3)
+    else:
+        assert game.to_beat is None or 5.0 < game.to_beat < 30.0
 
 
-def test_models_are_offered_and_refused_where_they_do_not_fit(run, tmp_path, monkeypatch):
+def test_policies_are_offered_and_refused_where_they_do_not_fit(run):
     folder, _ = run
-    monkeypatch.chdir(tmp_path)
-    shutil.copytree(folder, tmp_path / "runs" / "mine")
-    assert "MaxForce" in _policies(())
-    assert "runs/mine" in _policies(())
+    assert "MaxForce" in _policies((), False)
+    give = _policies((folder,), False)[str(folder)]
     other = gym.make(ID, observe=("tip_arclength",))
-    with pytest.raises(ValueError, match="trained on observations of shape"):
-        _lazily(folder)(other)
-    assert json.loads((folder / "best" / "model.json").read_text())["task"] == ID
-    assert _lazily(folder)(gym.make(ID)).predict(gym.make(ID).reset(seed=0)[0])[0].shape == (1,)
+    with pytest.raises(ValueError, match=r"trained to see tip_arclength, tip_speed,.*this task shows tip_arclength$"):
+        give(other)
+    assert give(gym.make(ID)).predict(gym.make(ID).reset(seed=0)[0])[0].shape == (1,)

@@ -10,7 +10,8 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 import agents
 from agents.learning import config
-from agents.learning.sb3 import _class_of, hyperparameters
+from agents.learning.hyperparameters import hyperparameters
+from agents.learning.sb3 import algorithm_class
 from agents.learning.tuning import SPACES
 
 
@@ -22,5 +23,5 @@ def test_every_algorithm_is_complete():
 
 @pytest.mark.parametrize("algorithm", list(config.ALGORITHMS))
 def test_its_class_and_its_hyperparameters_are_found(algorithm):
-    assert issubclass(_class_of(algorithm), BaseAlgorithm)
+    assert issubclass(algorithm_class(algorithm), BaseAlgorithm)
     assert hyperparameters(algorithm, "MagWire/Steer-v0")["n_timesteps"] > 0

@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import gymnasium as gym
@@ -15,8 +10,10 @@ import numpy as np
 import pytest
 
 from agents.cli.train import train
+from agents.learning import load
 from agents.learning.config import Config
-from agents.learning.sb3 import load, make_vec_env
+from agents.learning.run_folder import Checkpoints
+from agents.learning.sb3 import make_vec_env
 from agents.learning.training import Run
 from magwire_env.quasistatic.pool import scenario_pool
 from tests.support.training import SMALL
@@ -29,7 +26,11 @@ def test_a_run_leaves_everything_behind(run):
     folder, results = run
     names = {p.name for p in folder.iterdir()}
     assert {"config.json", "versions.json", "results.json", "learning_curve.csv", "learning_curve.png"} <= names
-    assert {"best", "last", "tensorboard"} <= names
+    assert {"checkpoints", "scenario.toml", "tensorboard"} <= names
+    checkpoint = Checkpoints(folder).newest()
+    assert [p.name for p in (folder / "checkpoints").iterdir()] == [checkpoint.name]
+    for place in ("best", "last"):
+        assert {"policy.json", "policy.safetensors", "policy.onnx"} <= {p.name for p in (checkpoint / place).iterdir()}
     assert json.loads((folder / "results.json").read_text()) == results
     assert set(results) == {"trained PPO", "MaxForce", "ConstantRotation", "Random"}
     assert json.loads((folder / "config.json").read_text())["config"]["seed"] == 0
@@ -64,38 +65,13 @@ def test_resume_of_a_finished_run_only_evaluates_again(run):
     assert train(Config(run=folder, resume=True, **SMALL)) == results
 
 
-def test_ctrl_c_saves_and_resume_goes_on(tmp_path):
-    folder = tmp_path / "stopped"
-    command = [sys.executable, "train.py", "--run", str(folder), "--timesteps", "400000", "--n-envs", "32"]
-    process = subprocess.Popen(
-        [*command, "--evaluations", "200", "--episodes", "4"], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    deadline = time.monotonic() + 120
-    while not (folder / "best" / "model.json").exists() and time.monotonic() < deadline:
-        time.sleep(0.2)
-    os.kill(process.pid, signal.SIGINT)
-    out, err = process.communicate(timeout=60)
-    assert process.returncode == 0, err.decode()
-    assert b"interrupted and saved" in out
-    from agents.learning.sb3 import load_parts
-
-    done = load_parts(folder / "last")[0].num_timesteps
-    assert 0 < done < 400_000
-    config = json.loads((folder / "config.json").read_text())
-    config["hyperparameters"]["n_timesteps"] = done + 2048
-    (folder / "config.json").write_text(json.dumps(config))
-    results = train(Config(run=folder, resume=True, episodes=4, progress=False))
-    assert load_parts(folder / "last")[0].num_timesteps >= done + 2048
-    assert results["MaxForce"]["summary"]["episodes"] == 4
-
-
 @pytest.mark.parametrize("algorithm", ["sac", "tqc", "crossq", "stacked_ppo"])
 def test_the_other_algorithms_train_too(tmp_path, algorithm):
     settings = SMALL | {"timesteps": 4096, "n_envs": 128, "evaluations": 1, "episodes": 2}
     results = train(Config(run=tmp_path / algorithm, algorithm=algorithm, **settings))
     assert f"trained {algorithm.upper()}" in results
     policy = load(tmp_path / algorithm)
-    env = gym.make(ID, **policy.meta["env"])
+    env = gym.make(ID, **policy.env_settings)
     assert env.action_space.contains(policy.predict(env.reset(seed=0)[0])[0])
 
 

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from agents.cli.main import main as magwire
-from agents.learning.sb3 import hyperparameters
+from agents.learning.hyperparameters import hyperparameters
 from agents.learning.tuning import SPACES, tune
 
 ID = "MagWire/Steer-v0"
