@@ -253,13 +253,18 @@ class Validate:
     """Run the size of the test suite, which takes seconds in place of minutes."""
     markdown: bool = False
     """Print the table as Markdown."""
+    only: tuple[str, ...] = ()
+    """Beginnings of the checks' names, such as F13 or "capstan"; by default all."""
 
 
 def validate(options: Validate) -> None:
     """Print the table of checks, and the number of those that hold."""
     from magwire_env.validation import CHECKS, FULL, TEST, run, table
 
-    rows = run(CHECKS, TEST if options.quick else FULL)
+    checks = [check for check in CHECKS if not options.only or check.name.startswith(options.only)]
+    if not checks:
+        raise ValueError(f"only: no check's name begins with any of {options.only}")
+    rows = run(checks, TEST if options.quick else FULL)
     print(table(rows, options.markdown))
     verdicts = [row.verdict for row in rows]
     counts = {name: verdicts.count(name) for name in ("holds", "skipped", "FAILS")}

@@ -15,7 +15,8 @@ from ..physics.checks import one_of, positive, whole
 from ..quasistatic import certificate
 from ..scenario import Scenario
 from ..simulation import Places, Simulator
-from ..simulation.model import supports
+from ..simulation.model import model_names, supports
+from ..simulation.readout import ROW
 from ..simulation.simulator import FARTHEST_SETTING
 from . import kernels
 from .action import Actuation
@@ -53,6 +54,7 @@ class SteeringCore:
         num_envs: int = 1,
         scenario: Scenario | str | Path | Sequence[Scenario] | None = None,
         coupling: str | None = None,
+        model: str | None = None,
         action_mode: str = "angle",
         observe: Sequence[str] | None = None,
         reward: str | RewardWeights = "dense",
@@ -65,7 +67,7 @@ class SteeringCore:
     ) -> None:
         self.task = task if isinstance(task, Task) else TASKS[one_of("task", task, tuple(TASKS))]
         self._draws_scenario = self.task.pool is not None and scenario is None
-        scenarios = _scenarios(self.task, scenario, coupling, split, pool_size)
+        scenarios = _scenarios(self.task, scenario, coupling, model, split, pool_size)
         _check_ways(self.task, scenarios)
         if len(scenarios) == 1 and (scenario is not None or coupling is not None):
             _warn_uncertified(self.task, scenarios[0])
@@ -74,6 +76,7 @@ class SteeringCore:
             np.zeros(num_envs, dtype=np.int64) if self._draws_scenario else None,
         )  # fmt: skip
         self.time_limit = positive("time_limit", self.task.time_limit if time_limit is None else time_limit, "s")
+        self._fed = self.sim.library.rigs.feed >= 0
         self.step_limit = max(1, round(self.time_limit / self.sim.control_period))
         self.actuation = Actuation(self.sim, action_mode)
         self.episodes = Episodes(self.sim, self.task, self.step_limit)
@@ -262,11 +265,24 @@ class SteeringCore:
         info = {"is_success": success}
         for name, row in self._told:
             info[name] = values[row]
+        if self._fed:
+            info.update(self._of_base(lane))
         if self.own_terms:
             info.update({k: v if lane is None else v[lane].item() for k, v in self.own_terms.items()})
         if self.varied:
             info.update(self.drawn(lane))
         return info
+
+    def _of_base(self, lane: int | None) -> dict[str, Any]:
+        """What a wire's drive feels: force (N), torque (N·m), and the wire inserted (m)."""
+        rows = self.sim.readout[:, : self.sim.num_envs]
+        if lane is not None:
+            rows = rows[:, lane : lane + 1]
+        force, torque = (
+            np.sqrt((rows[first : first + 3] ** 2).sum(axis=0)) for first in (ROW.base_force_x, ROW.base_torque_x)
+        )
+        found = {"base_force": force, "base_torque": torque, "inserted_length": rows[ROW.inserted].copy()}
+        return found if lane is None else {name: value.item() for name, value in found.items()}
 
     def drawn(self, lane: int | None = None) -> dict[str, Any]:
         """What `Variation` drew for the running episodes, (n,) arrays or one lane's numbers; empty without it."""
@@ -293,7 +309,9 @@ class SteeringCore:
         return self._readings.of(self.observer.read(), self.episodes)
 
 
-def _scenarios(task: Task, given: Any, coupling: str | None, split: str, pool_size: int) -> list[Scenario]:
+def _scenarios(
+    task: Task, given: Any, coupling: str | None, model: str | None, split: str, pool_size: int
+) -> list[Scenario]:
     if given is None and task.pool is not None:
         from ..quasistatic.pool import scenario_pool
 
@@ -309,11 +327,16 @@ def _scenarios(task: Task, given: Any, coupling: str | None, split: str, pool_si
             raise ValueError(
                 f"scenario must be a Scenario, a TOML file, a shipped name, or a sequence of scenarios, got {sc!r}"
             )
-    return scenarios if coupling is None else [dataclasses.replace(sc, coupling=coupling) for sc in scenarios]
+    changes = {name: value for name, value in (("coupling", coupling), ("model", model)) if value is not None}
+    if model is not None:
+        one_of("model", model, model_names())
+    return [dataclasses.replace(sc, **changes) for sc in scenarios] if changes else scenarios
 
 
 def _check_ways(task: Task, scenarios: Sequence[Scenario]) -> None:
     for i, sc in enumerate(scenarios):
+        if sc.rig.feed is not None:
+            continue  # how far it goes is the feed's business
         first, last = sc.wire.length - task.start_spread, sc.tract.length - task.goal_margin
         if first < 0 or sc.wire.length + task.start_spread >= last - 0.05:
             raise ValueError(

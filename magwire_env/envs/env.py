@@ -49,7 +49,8 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
     instead, `"direction"` takes the angle's (cos, sin).
 
     ## Dynamics
-    Algorithm 1 of the paper, see `magwire_env.simulation.locked.algorithm1`: 0.1 s a control step.
+    Algorithm 1 of the paper, see `magwire_env.simulation.locked.algorithm1`: 0.1 s a control step. With
+    ``model="free"`` the wire is a rod in space that touches the wall, see `magwire_env.simulation.free`.
 
     ## Reward
     ``reward/progress`` 10 × the share of the way covered, ``reward/success`` 10 on reaching the goal, ``reward/time``
@@ -68,13 +69,15 @@ class MagWireEnv(gym.Env[np.ndarray, np.ndarray]):
     ## Info
     Every step: `is_success`, `cost` (N, peak wall force above its limit), `wall_force` (N, mean over the step),
     `path_ratio` (share of the way from start to goal covered), `distance` (m, way left), the reward's terms, and what
-    the scenario's `variation` drew. At the end `summary`: `steps`,
+    the scenario's `variation` drew; of a wire that is fed `base_force` (N), `base_torque` (N·m) and `inserted_length`
+    (m). At the end `summary`: `steps`,
     `time` (s; to the goal's crossing, interpolated inside the step), `peak_wall_force`, `mean_wall_force`,
     `peak_lateral_force` (N), `magnet_travel` (rad and m summed).
 
     ## Arguments
     scenario : `Scenario`, a TOML file or a shipped name; by default the task's. One without a certificate warns, once
     coupling : "force" or "wrench", in place of the scenario's
+    model : the wire model, "locked" or "free", in place of the scenarios', those of a pool too
     action_mode : "angle", "rate" or "direction"
     observe : names of observation channels; by default the task's
     reward : "dense", "sparse" or `RewardWeights`

@@ -94,7 +94,8 @@ class Steer(Kind):
 
     def begin(self, task: Task, library: Library, entries: np.ndarray, drawn: np.ndarray) -> tuple[Places, Places]:
         """As `Kind.begin`."""
-        start = library.wire_length[entries] + task.start_spread * (2 * drawn[:, 0] - 1)
+        start = library.start_length[entries] + task.start_spread * (2 * drawn[:, 0] - 1)
+        start = np.clip(start, *library.reach[entries].T)
         return Places(start), Places(library.tract_length[entries] - task.goal_margin)
 
     def starts(self, task: Task) -> str:
@@ -116,7 +117,8 @@ class Reach(Kind):
 
     def begin(self, task: Task, library: Library, entries: np.ndarray, drawn: np.ndarray) -> tuple[Places, Places]:
         """As `Kind.begin`."""
-        first, last = library.wire_length[entries], library.tract_length[entries] - task.goal_margin
+        first, last = library.start_length[entries], library.tract_length[entries] - task.goal_margin
+        last = np.minimum(last, library.reach[entries, 1])
         start = first + drawn[:, 0] * (last - first)
         below = np.maximum(start - _LEAST_WAY - first, 0.0)
         above = np.maximum(last - start - _LEAST_WAY, 0.0)
@@ -162,7 +164,8 @@ class Track(Kind):
         A sum of three sines with periods of 10 to 40 s; its amplitude is the largest that keeps it within the tract
         and its speed below the task's.
         """
-        low, high = library.wire_length[entries], library.tract_length[entries] - 2 * task.goal_margin
+        low, high = library.start_length[entries], library.tract_length[entries] - 2 * task.goal_margin
+        high = np.minimum(high, library.reach[entries, 1])
         share = 0.5 + np.abs(drawn[:, 1 : 1 + _WAVES])
         share /= share.sum(axis=1, keepdims=True)
         pace = 2 * np.pi / (10.0 + 30.0 * drawn[:, 4 : 4 + _WAVES])

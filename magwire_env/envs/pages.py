@@ -9,7 +9,7 @@ from functools import lru_cache
 from textwrap import fill, indent
 from typing import Any
 
-from ..scenario import Scenario
+from ..scenario import Feed, Scenario, Twist
 from ..scenario.rig import Slide, Turn
 from .env import MagWireEnv
 from .rewards import TERMS, info_name
@@ -171,7 +171,8 @@ def action_rows(scenario: Scenario) -> list[tuple[str, str]]:
         if isinstance(dof, Turn):
             rows.append((name, f"home {dof.home:.4g} rad ± π rad"))
         else:
-            rows.append((name, f"{dof.low:.3g} and {dof.high:.3g} {'m' if isinstance(dof, Slide) else 'A'}"))
+            unit = {Slide: "m", Feed: "m", Twist: "rad"}.get(type(dof), "A")
+            rows.append((name, f"{dof.low:.3g} and {dof.high:.3g} {unit}"))
     return rows
 
 

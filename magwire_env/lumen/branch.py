@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from .curve import Tract
 from ..physics.checks import finite
+from .curve import Tract
 
 __all__ = ["Branch"]
 

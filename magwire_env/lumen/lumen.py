@@ -11,9 +11,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from .curve import Tract
 from ..physics.checks import finite, points_array
 from .branch import Branch
+from .curve import Tract
 from .route import Place, Route
 
 __all__ = ["Lumen", "Wall"]

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from .curve import Tract
 from .branch import Branch
+from .curve import Tract
 from .lumen import Lumen
 from .reading import MOST_BYTES, reading
 from .rooms import BoxWall

@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from . import named
-from .curve import Tract
 from ..physics.checks import in_range, one_of, positive, vector
+from . import named
 from .branch import Branch
+from .curve import Tract
 from .lumen import Lumen
 from .rooms import BoxWall
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
-from .generator import SPLITS, Bounds, generate
-from .curve import Tract
 from ..physics.checks import non_negative, one_of, positive, vector, whole
+from .curve import Tract
+from .generator import SPLITS, Bounds, generate
 from .lumen import Lumen
 
 __all__ = ["KINDS", "TreeBounds", "grow", "within_bounds"]

@@ -82,6 +82,11 @@ class Tubes:
         self._balls, self._chunks = np.array(balls), np.array(chunks, dtype=np.int64)
         self._rows = np.array(rows, dtype=np.int64)
 
+    @property
+    def tables(self) -> tuple[np.ndarray, ...]:
+        """What `tube_kernels.deepest` reads: curve, radius, branches, spacings, balls, chunks."""
+        return self._curve, self._radius, self._rows, self._spacing, self._balls, self._chunks
+
     def depths(self, xyz: np.ndarray) -> Depths:
         """The tubes about each point: xyz (n, 3) m."""
         n = len(xyz)

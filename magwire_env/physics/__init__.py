@@ -7,6 +7,7 @@ from .dipoles import MU0, DipoleCloud, field, field_gradient, force, torque
 from .guidewire import Guidewire
 from .inverse import Curve, ShapeSolution, TipPose
 from .magnets import BlockMagnet, CylinderMagnet, Magnet, PointDipole
+from .profile import Profile
 from .rod import FreeRod, NotConverged, RodPath
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "Magnet",
     "NotConverged",
     "PointDipole",
+    "Profile",
     "RodPath",
     "ShapeSolution",
     "TipPose",

@@ -8,16 +8,20 @@ import numpy as np
 
 from ..physics.dipoles import field
 from ..scenario import Scenario
+from ..simulation.model import supports
 from . import meshes, paint
 from .meshes import quaternion
 from .panels import ForceMap, map_of
-from .snapshot import Snapshot, body_halves, force_scale, magnet_rotations
+from .snapshot import SLEEVE, Snapshot, body_halves, force_scale, load_limit, magnet_rotations
 from .views import view_bounds
 
 __all__ = ["Scene3D"]
 
 _FORCE_LENGTH = 0.03
 """m, of the force arrow at the reference force."""
+
+_CONTACT_LENGTH = 0.02
+"""m, of a contact's arrow at the load at which the wire is shaded brightest."""
 
 _MAP_PIXELS = (960, 600)
 _TIP_SCALE = 2.5
@@ -32,7 +36,7 @@ class Scene3D:
     def __init__(self, server: Any, scenario: Scenario) -> None:
         self.server, self.scenario = server, scenario
         self.low, self.high = view_bounds(scenario)
-        self.limit = scenario.contact.wall_force_limit
+        self.limit = load_limit(scenario)
         self.reference = paint.nice(force_scale(scenario) / 8)
         self._clouds = [
             m.magnet.dipoles("gauss", 2 if len(scenario.rig.magnets) > 1 else 4) for m in scenario.rig.magnets
@@ -41,7 +45,8 @@ class Scene3D:
         self._add_lumen()
         self._add_wire()
         self._add_magnets()
-        self.board = Board(server, scenario, self.low, self.high) if len(scenario.rig.dofs) == 1 else None
+        has_map = len(scenario.rig.dofs) == 1 and supports(scenario, "quasistatic")
+        self.board = Board(server, scenario, self.low, self.high) if has_map else None
         size = float(np.linalg.norm(self.high - self.low))
         middle = (self.low + self.high) / 2
         # A little to the right of the scene, since the panel covers the right of the window.
@@ -51,22 +56,28 @@ class Scene3D:
         server.initial_camera.up = (0.0, 0.0, 1.0)
 
     def _add_lumen(self) -> None:
-        tract, scene = self.scenario.tract, self.server.scene
-        s = np.linspace(0.0, tract.length, max(60, round(tract.length / 4e-3)))
-        vertices, faces = meshes.tube(tract.position(s), tract.radius_at(s))
-        scene.add_mesh_simple(
-            "/lumen", vertices, faces, color=paint.LUMEN_EDGE, opacity=0.35, side="double", cast_shadow=False
-        )
-        reach = 1.15 * tract.widest
+        tree, scene = self.scenario.tree, self.server.scene
+        for i, branch in enumerate(tree.branches):
+            s = np.linspace(0.0, branch.length, max(60, round(branch.length / 4e-3)))
+            vertices, faces = meshes.tube(branch.curve.position(s), branch.radius(s))
+            scene.add_mesh_simple(
+                f"/lumen{i or ''}", vertices, faces, color=paint.LUMEN_EDGE, opacity=0.35, side="double",
+                cast_shadow=False,
+            )  # fmt: skip
+        reach = 1.15 * (tree.widest if len(tree.branches) == 1 else tree.narrowest[0])
         self._target = scene.add_mesh_simple(
             "/target", *meshes.tube(_ring(reach), 0.12 * reach, 8), color=paint.TARGET, cast_shadow=False
         )
-        self._goal = float("nan")
+        self._goal = np.full(3, np.nan)
 
     def _add_wire(self) -> None:
         scene, wire = self.server.scene, self.scenario.wire
         line = np.linspace((0.0, 0.0, 0.0), (wire.length, 0.0, 0.0), wire.segments + 1)
         self._wire = scene.add_mesh_simple("/wire", *meshes.tube(line, wire.radius, _WIRE_SIDES), color=paint.WIRE_FREE)
+        if self.scenario.rig.feed is not None:
+            trunk = self.scenario.tree.trunk.curve
+            ends = trunk.position(0.0) + np.linspace(-SLEEVE, 0.0, 5)[:, None] * trunk.tangent(0.0)
+            scene.add_mesh_simple("/sleeve", *meshes.tube(ends, 1.6 * wire.radius, 16), color=paint.FAINT)
         self._tip = scene.add_frame("/tip", show_axes=False)
         for name, corners, colour in zip(
             ("north", "south"), body_halves(self.scenario.tip), (paint.NORTH, paint.SOUTH), strict=True
@@ -82,6 +93,12 @@ class Scene3D:
             )
             for name, colour, k in (("force", paint.FORCE, 1.0), ("drive", paint.DRIVE, 1.6))
         )
+        self._contacts = None
+        if supports(self.scenario, "contact"):
+            self._contacts = scene.add_arrows(
+                "/contacts", nothing, paint.WIRE_LOADED, shaft_radius=width, head_radius=2.5 * width,
+                head_length=5 * width,
+            )  # fmt: skip
 
     def _add_magnets(self) -> None:
         scene, rig = self.server.scene, self.scenario.rig
@@ -123,7 +140,14 @@ class Scene3D:
         """Move everything to where it is now."""
         vertices, _ = meshes.tube(now.nodes, self.scenario.wire.radius, _WIRE_SIDES)
         self._wire.vertices = vertices.astype(np.float32)
-        self._wire.color = paint.load_colour(float(now.contact[-1]) / self.limit)
+        self._wire.color = paint.load_colour(float(now.load.max()) / self.limit)
+        if self._contacts is not None:
+            # The wall's push on the nodes it touches, from the wall to the wire.
+            felt = now.load > 0.01 * self.limit
+            ends = now.nodes[felt] if felt.any() else now.nodes[-1:]
+            push = now.contact[felt] if felt.any() else np.zeros((1, 3))
+            length = _CONTACT_LENGTH / self.limit
+            self._contacts.points = np.stack([ends - length * push, ends], axis=1).astype(np.float32)
         self._tip.position, self._tip.wxyz = now.tip_position, quaternion(meshes.rotation_to(now.tip_tangent))
         size = _FORCE_LENGTH / self.reference
         for arrow, force in ((self._force, now.tip_force), (self._drive, now.drive_force * now.tip_tangent)):
@@ -132,11 +156,10 @@ class Scene3D:
             self._magnets, magnet_rotations(self.scenario, now.magnet), now.magnet_positions, strict=True
         ):
             frame.position, frame.wxyz = centre, quaternion(rotation)
-        if now.goal != self._goal:
-            self._goal = now.goal
-            tract = self.scenario.tract
-            self._target.position = tract.position(now.goal)
-            self._target.wxyz = quaternion(meshes.rotation_to(tract.tangent(now.goal)))
+        if not np.array_equal(now.target, self._goal):
+            self._goal = now.target
+            self._target.position = now.target
+            self._target.wxyz = quaternion(meshes.rotation_to(now.target_way))
         if self.board is not None:
             self.board.update(now)
 
@@ -150,7 +173,8 @@ class Scene3D:
         self._lines_at = now.magnet.copy()
         turns, places = magnet_rotations(self.scenario, now.magnet), now.magnet_positions
         clouds = [c.moved(r, p) for c, r, p in zip(self._clouds, turns, places, strict=True)]
-        currents = now.magnet[len(now.magnet) - len(rig.coils) :]
+        first = len(now.magnet) - len(rig.base) - len(rig.coils)
+        currents = now.magnet[first : first + len(rig.coils)]
 
         def flux(points: np.ndarray) -> np.ndarray:
             total = np.sum([field(cloud, points) for cloud in clouds], axis=0)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..quasistatic.forcemap import command_range
-from ..scenario import Scenario
+from ..scenario import Feed, Scenario
 from ..scenario.rig import Slide, Turn
 
 __all__ = ["Dof", "dofs_of", "number"]
@@ -22,7 +22,7 @@ class Dof:
     factor : from the command's rad, m or A to the unit
     turn : it goes round, `low` and `high` being the same place
     low, high, speed : the command's range and its speed, in rad, m or A
-    magnet : number of the magnet it moves, None for a coil's current
+    magnet : number of the magnet it moves, None for a coil's current and the wire's base
     axis : 0, 1, 2 for x, y, z
     """
 
@@ -57,7 +57,10 @@ class Dof:
 
 
 def dofs_of(scenario: Scenario) -> list[Dof]:
-    """The rig's degrees of freedom in the order of the command; numbered where there are several magnets."""
+    """The rig's degrees of freedom in the order of the command; numbered where there are several magnets.
+
+    Those of the wire's base, "feed" and "twist", come last.
+    """
     rig = scenario.rig
     several, lone = len(rig.magnets) > 1, sum(isinstance(d, Turn) for d in rig.dofs) == 1
     low, high = command_range(scenario)
@@ -75,6 +78,10 @@ def dofs_of(scenario: Scenario) -> list[Dof]:
         name = f"coil {coil.axis}{i + 1 if same else ''}"
         k = len(out)
         out.append(Dof(name, "A", 1.0, False, low[k], high[k], coil.current.speed, None, "xyz".index(coil.axis)))
+    for own in rig.base:
+        k = len(out)
+        unit, factor = ("mm", 1e3) if isinstance(own, Feed) else ("°", float(np.degrees(1.0)))
+        out.append(Dof(own.axis, unit, factor, False, low[k], high[k], own.speed, None, 0))
     return out
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..envs.core import SteeringCore
 from ..scenario import Scenario
+from ..simulation.model import supports
 from . import paint
 from .dofs import dofs_of, number
 from .paint import Brush
@@ -78,7 +79,8 @@ class Picture:
         x = arrow("tip moment", paint.NORTH, 2.0, x)
         pygame.draw.line(surface, paint.TARGET, (x, middle - 6 * k), (x, middle + 6 * k), max(3, round(3 * k)))
         x = brush.text(surface, "target", (x + 6 * k, y), 11).right + 14 * k
-        x = brush.text(surface, "wall 0", (x, y), 11).right + 4 * k
+        shade = "contact 0" if supports(self.scenario, "contact") else "wall 0"
+        x = brush.text(surface, shade, (x, y), 11).right + 4 * k
         for i in range(round(40 * k)):
             colour = paint.load_colour(i / (40 * k))
             pygame.draw.line(surface, colour, (x + i, middle - 3 * k), (x + i, middle + 3 * k))

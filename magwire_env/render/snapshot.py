@@ -12,16 +12,22 @@ from ..envs.core import SteeringCore
 from ..physics.magnets import BlockMagnet, CylinderMagnet, Magnet
 from ..scenario import Scenario
 from ..scenario.rig import Turn
+from ..simulation.model import supports
 
 __all__ = [
+    "SLEEVE",
     "Snapshot",
     "axis_rotation",
     "blend",
     "body_halves",
     "force_scale",
+    "load_limit",
     "magnet_rotations",
     "snapshots",
 ]
+
+SLEEVE = 30e-3
+"""m of a fed wire that are drawn behind the inlet."""
 
 _POINT_SIZE = 10e-3
 """m, edge of the cube that stands for a point dipole."""
@@ -33,8 +39,10 @@ class Snapshot:
 
     time : s since the episode's start
     tip_arclength, goal : m along the tract
-    nodes : (k, 3) m, tail to tip
-    contact : (k,) N, the force on the wall each node is shaded by; the tip's throughout, the only one that is known
+    target, target_way, target_radius : the goal's point (3,) m, the direction of the way there, the lumen's radius, m
+    nodes : (k, 3) m, tail to tip; what a feed has not pushed out lies straight behind the inlet, a little of it
+    contact : (k, 3) N, what the wall exerts on each node; of a wire whose contact forces are not known all zero
+    load : (k,) N, the force on the wall each node is shaded by: of its contact, or the tip's throughout
     tip_position, tip_tangent, tip_force : (3,) m, unit vector, N
     drive_force, lateral_force, wall_force : N
     magnet : (dof,) rad or m
@@ -45,8 +53,12 @@ class Snapshot:
     time: float
     tip_arclength: float
     goal: float
+    target: np.ndarray
+    target_way: np.ndarray
+    target_radius: float
     nodes: np.ndarray
     contact: np.ndarray
+    load: np.ndarray
     tip_position: np.ndarray
     tip_tangent: np.ndarray
     tip_force: np.ndarray
@@ -67,18 +79,38 @@ def snapshots(core: SteeringCore, lanes: Sequence[int] | None = None) -> list[Sn
     positions, wall, centres = sim.positions, sim.wall_force, sim.magnet_positions
     arclength, drive, lateral = sim.tip_arclength, sim.drive_force, sim.lateral_force
     tip, tangent, force, magnet = sim.tip_position, sim.tip_tangent, sim.tip_force, sim.magnet
+    goals = sim.goals()
+    touches = sim.contact_forces if sim.supports("contact") else None
+    inserted = sim.inserted_length if sim.supports("base") else np.zeros(sim.num_envs)
     out = []
     for i in lanes:
-        nodes = positions[i][~np.isnan(positions[i, :, 0])]
+        scenario = sim.library.scenarios[sim.lane_scenario[i]]
+        own = slice(len(positions[i]) - scenario.wire.segments - 1, None) if len(positions[i]) > 1 else slice(None)
+        nodes = _with_sleeve(scenario, positions[i, own], float(inserted[i]))
+        contact = np.zeros(nodes.shape) if touches is None else touches[i, own]
+        load = np.full(len(nodes), wall[i]) if touches is None else np.linalg.norm(contact, axis=1)
+        branch = scenario.tree.branches[goals.branch[i]]
+        goal = float(goals.s[i])
         out.append(
             Snapshot(
-                sim.library.scenarios[sim.lane_scenario[i]],
-                float(sim.time[i]), float(arclength[i]), float(core.goal[i]), nodes,
-                np.full(len(nodes), wall[i]), tip[i], tangent[i] / np.linalg.norm(tangent[i]), force[i],
+                scenario, float(sim.time[i]), float(arclength[i]), float(core.goal[i]),
+                branch.curve.position(goal), branch.curve.tangent(goal), float(branch.radius(goal)), nodes, contact,
+                load, tip[i], tangent[i] / np.linalg.norm(tangent[i]), force[i],
                 float(drive[i]), float(lateral[i]), float(wall[i]), magnet[i], centres[i],
             )
         )  # fmt: skip
     return out
+
+
+def _with_sleeve(scenario: Scenario, nodes: np.ndarray, inserted: float) -> np.ndarray:
+    """A wire's nodes with those that are still in the sleeve behind the inlet, as far as it is drawn."""
+    missing = np.isnan(nodes[:, 0])
+    if not missing.any():
+        return nodes
+    wire, trunk = scenario.wire, scenario.tree.trunk.curve
+    behind = inserted - wire.segment_length * np.arange(wire.segments, -1, -1)
+    behind = np.clip(behind, -SLEEVE, 0.0)[:, None]
+    return np.where(missing[:, None], trunk.position(0.0) + behind * trunk.tangent(0.0), nodes)
 
 
 def blend(before: Snapshot, after: Snapshot, share: float) -> Snapshot:
@@ -128,15 +160,21 @@ def body_halves(magnet: Magnet) -> tuple[np.ndarray, np.ndarray]:
     return np.vstack([middle, middle + shift]), np.vstack([middle, middle - shift])
 
 
+def load_limit(scenario: Scenario) -> float:
+    """N, of the load at which a wire is shaded brightest: the limit of the wall force; for one node a fifth of it."""
+    limit = scenario.contact.wall_force_limit
+    return 0.2 * limit if supports(scenario, "contact") else limit
+
+
 def force_scale(scenario: Scenario) -> float:
     """The order of the force on the tip, N.
 
     Of a magnet: two dipoles in line at the rig's smallest distance from the tract. Of a coil: its gradient at its
     largest current, and its uniform field in the tract's sharpest bend.
     """
-    tract, moment = scenario.tract, scenario.tip.moment
-    places = np.linspace(0.0, tract.length, 200)
-    course, bend = tract.position(places), float(tract.curvature(places).max())
+    moment, curves = scenario.tip.moment, [branch.curve for branch in scenario.tree.branches]
+    course = np.concatenate([c.position(np.linspace(0.0, c.length, 200)) for c in curves])
+    bend = max(float(c.curvature(np.linspace(0.0, c.length, 200)).max()) for c in curves)
     sizes = [6e-7 * m.magnet.moment * moment / m.distance_to(course) ** 4 for m in scenario.rig.magnets]
     for coil in scenario.rig.coils:
         current = max(abs(coil.current.low), abs(coil.current.high))

@@ -11,7 +11,7 @@ from ..scenario import Scenario
 from ..scenario.rig import Slide
 from . import paint
 from .paint import Brush
-from .snapshot import Snapshot, body_halves, force_scale, magnet_rotations
+from .snapshot import SLEEVE, Snapshot, body_halves, force_scale, load_limit, magnet_rotations
 
 __all__ = ["Views", "view_bounds"]
 
@@ -26,9 +26,13 @@ _MARGIN = 8.0
 
 def view_bounds(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest corner, (3,) m each, of what a view must hold: the lumen and the magnets wherever they go."""
-    tract = scenario.tract
-    course = tract.position(np.linspace(-0.02, tract.length + 0.02, 400))
-    low, high = course.min(axis=0) - tract.widest, course.max(axis=0) + tract.widest
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for branch in scenario.tree.branches:
+        ahead = 0.02 if len(scenario.tree.branches) == 1 else 0.0
+        behind = 0.0 if branch.parent else max(0.02, SLEEVE if scenario.rig.feed else 0.0)
+        course = branch.curve.position(np.linspace(-behind, branch.length + ahead, 400))
+        low = np.minimum(low, course.min(axis=0) - branch.widest)
+        high = np.maximum(high, course.max(axis=0) + branch.widest)
     for mount in scenario.rig.magnets:
         reach = max(mount.magnet.reach, 8e-3)
         near, far = np.array(mount.position), np.array(mount.position)
@@ -80,7 +84,7 @@ class Views:
         self.plan, self.side = View(below[0], 0, 1, centre, scale), View(below[1], 0, 2, centre, scale)
         self.frames = (plan, side)
         self.reference = paint.nice(force_scale(scenario) / 8)
-        self.limit = scenario.contact.wall_force_limit
+        self.limit = load_limit(scenario)
         self._bodies = [body_halves(m.magnet) for m in scenario.rig.magnets]
         self._wire = max(3.0 * brush.scale, 2 * scenario.wire.radius * scale)
 
@@ -96,27 +100,40 @@ class Views:
 
     def _lumen(self, surface: Any, view: View, rect: Any) -> None:
         """The tube as ribbons from far to near, drawn four times as large and scaled down, which smooths its edges."""
-        pygame, tract, big = self.brush.pygame, self.scenario.tract, 4
-        s = np.linspace(0.0, tract.length, max(200, math.ceil(tract.length / 1.5e-3)))
-        points, radius = tract.position(s), tract.radius_at(s)
-        flat = (view.px(points) - rect.topleft) * big
-        along = view.direction(tract.tangent(s))
-        across = np.stack([-along[:, 1], along[:, 0]], axis=1)
-        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
-        side = across * (radius * view.scale * big)[:, None]
-        depth = view.nearness(points)
-        tone = (depth - depth.min()) / max(float(np.ptp(depth)), 1e-9)
+        pygame, big = self.brush.pygame, 4
         layer = self.brush.surface((rect.width * big, rect.height * big), paint.PANEL)
         near, far = np.array(paint.LUMEN_NEAR), np.array(paint.LUMEN_FAR)
-        for i in np.argsort(depth[:-1]):
-            colour = tuple(np.round(far + tone[i] * (near - far)).astype(int).tolist())
-            left, right = (flat + side)[i : i + 2], (flat - side)[i : i + 2]
+        pieces = [self._ribbon(branch, view, rect, big) for branch in self.scenario.tree.branches]
+        depth = np.concatenate([ribbon[0] for ribbon in pieces])
+        tone = (depth - depth.min()) / max(float(np.ptp(depth)), 1e-9)
+        order = [(i, k) for i, ribbon in enumerate(pieces) for k in range(len(ribbon[0]))]
+        for number in np.argsort(depth):
+            i, k = order[number]
+            _, flat, side, size = pieces[i]
+            colour = tuple(np.round(far + tone[number] * (near - far)).astype(int).tolist())
+            left, right = (flat + side)[k : k + 2], (flat - side)[k : k + 2]
             pygame.draw.polygon(layer, colour, [*left, *right[::-1]])
             # A tube seen end on has no ribbon: a disk stands for it, and rounds the joints.
-            pygame.draw.circle(layer, colour, flat[i], radius[i] * view.scale * big - 3)
+            pygame.draw.circle(layer, colour, flat[k], size[k] - 3)
             for edge in (left, right):
                 pygame.draw.line(layer, paint.LUMEN_EDGE, edge[0], edge[1], 5)
+        if len(pieces) > 1:  # no branch's edge goes on inside another
+            for _, flat, _, size in pieces:
+                for at, radius in zip(flat, size, strict=True):
+                    pygame.draw.circle(layer, paint.LUMEN_NEAR, at, max(radius - 5, 1.0))
         surface.blit(pygame.transform.smoothscale(layer, rect.size), rect)
+
+    @staticmethod
+    def _ribbon(branch: Any, view: View, rect: Any, big: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """A branch's pieces: depth (n − 1,); of its stations middle (n, 2), half width (n, 2), radius (n,) pixels."""
+        s = np.linspace(0.0, branch.length, max(200, math.ceil(branch.length / 1.5e-3)))
+        points = branch.curve.position(s)
+        size = branch.curve.radius_at(s) * view.scale * big
+        flat = (view.px(points) - rect.topleft) * big
+        along = view.direction(branch.curve.tangent(s))
+        across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+        return view.nearness(points)[:-1], flat, across * size[:, None], size
 
     def _scale_bar(self, surface: Any, view: View, rect: Any) -> None:
         length = paint.nice(0.16 * rect.width / view.scale)
@@ -133,6 +150,7 @@ class Views:
             surface.set_clip(rect)
             self._magnets(surface, view, now)
             self._target(surface, view, now)
+            self._sleeve(surface, view)
             self._wire_line(surface, view, now)
             self._forces(surface, view, now)
             self._tip(surface, view, now)
@@ -140,17 +158,26 @@ class Views:
 
     def _target(self, surface: Any, view: View, now: Snapshot) -> None:
         """A bar right across the lumen, with a dot: seen end on, the dot is left."""
-        tract = self.scenario.tract
-        at = view.px(tract.position(now.goal))
-        along = view.direction(tract.tangent(now.goal))
+        at = view.px(now.target)
+        along = view.direction(now.target_way)
         size = float(np.hypot(*along))
-        reach = 1.5 * float(tract.radius_at(now.goal)) * view.scale
+        reach = 1.5 * now.target_radius * view.scale
         if size > 0.1:
             across = np.array([-along[1], along[0]]) / size * reach
             self.brush.pygame.draw.line(
                 surface, paint.TARGET, at - across, at + across, max(3, round(3 * self.brush.scale))
             )
         self.brush.pygame.draw.circle(surface, paint.TARGET, at, 4 * self.brush.scale)
+
+    def _sleeve(self, surface: Any, view: View) -> None:
+        """The sleeve at the inlet that a wire is fed through."""
+        if self.scenario.rig.feed is None:
+            return
+        trunk = self.scenario.tree.trunk.curve
+        ends = view.px(np.array([trunk.position(0.0) - SLEEVE * trunk.tangent(0.0), trunk.position(0.0)]))
+        width = self._wire + 4 * self.brush.scale
+        self._stroke(surface, ends, [paint.INK] * 2, width)
+        self._stroke(surface, ends, [paint.FAINT] * 2, width - 2 * self.brush.scale)
 
     def _magnets(self, surface: Any, view: View, now: Snapshot) -> None:
         pygame, brush = self.brush.pygame, self.brush
@@ -176,7 +203,7 @@ class Views:
     def _wire_line(self, surface: Any, view: View, now: Snapshot) -> None:
         nodes = view.px(now.nodes)
         self._stroke(surface, nodes, [paint.WIRE_EDGE] * len(nodes), self._wire)
-        colours = [paint.load_colour(c / self.limit) for c in now.contact]
+        colours = [paint.load_colour(c / self.limit) for c in now.load]
         self._stroke(surface, nodes, colours, self._wire - 2 * max(1.0, 0.75 * self.brush.scale))
 
     def _tip(self, surface: Any, view: View, now: Snapshot) -> None:

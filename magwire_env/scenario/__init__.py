@@ -1,5 +1,6 @@
 """What a run needs, as frozen values: the scenario and its parts, and their TOML form."""
 
+from .base import Feed, Twist
 from .rig import ActuatedMagnet, Coil, Current, Rig, Slide, Turn
 from .scenario import COUPLINGS, Contact, Scenario, Timing, above
 from .sensing import Reading, Sensing, Variation
@@ -10,6 +11,7 @@ __all__ = [
     "Coil",
     "Contact",
     "Current",
+    "Feed",
     "Reading",
     "Rig",
     "Scenario",
@@ -17,6 +19,7 @@ __all__ = [
     "Slide",
     "Timing",
     "Turn",
+    "Twist",
     "Variation",
     "above",
 ]

@@ -14,6 +14,7 @@ from ..physics.dipoles import field_gradient
 from ..physics.fitted_cloud import SIZES
 from ..physics.magnets import RULES, BlockMagnet, Magnet
 from ..physics.ranges import ranged, ranged_vector
+from .base import Feed, Twist
 
 __all__ = ["ActuatedMagnet", "Coil", "Current", "Rig", "Slide", "Turn", "cheapest_rule", "wrapped"]
 
@@ -166,33 +167,52 @@ class Coil:
 
 @dataclass(frozen=True)
 class Rig:
-    """The external magnets and coils, at least one of either."""
+    """What is actuated: external magnets and coils, at least one of either, and a free wire's base.
+
+    feed, twist : how the base is pushed and turned; without a feed the base is free, and the wire is dragged by its tip
+    """
 
     magnets: tuple[ActuatedMagnet, ...] = ()
     coils: tuple[Coil, ...] = ()
+    feed: Feed | None = None
+    twist: Twist | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "magnets", tuple(self.magnets))
         object.__setattr__(self, "coils", tuple(self.coils))
         if not self.magnets and not self.coils:
             raise ValueError("Rig.magnets and Rig.coils must hold at least one magnet or coil, got none")
+        for name, kind in (("feed", Feed), ("twist", Twist)):
+            if not isinstance(getattr(self, name), (kind, type(None))):
+                raise ValueError(f"Rig.{name} must be a {kind.__name__} or None, got {getattr(self, name)!r}")
+        if self.twist and not self.feed:
+            raise ValueError("Rig.feed must be given with Rig.twist: a free base cannot be turned, got None")
 
     @property
     def layout(self) -> tuple[tuple[tuple[str, str], ...], ...]:
         """The kinds and axes of every magnet's degrees of freedom, then of every coil: what a batch must share."""
         magnets = tuple(tuple((type(d).__name__, d.axis) for d in m.dofs) for m in self.magnets)
-        return magnets + tuple((("Current", c.axis),) for c in self.coils)
+        coils = tuple((("Current", c.axis),) for c in self.coils)
+        return magnets + coils + tuple(((type(d).__name__, d.axis),) for d in self.base)
 
     @property
     def limits(self) -> tuple[tuple[float, float, float], ...]:
         """Speed, lowest and highest setting of every degree of freedom: rad, m or A.
 
-        A turn's range is the circle about its home, and does not limit it.
+        A turn's range is the circle about its home, and does not limit it. A feed's limits are those that a scenario
+        has filled in.
         """
         return tuple(
-            (d.speed, d.home - math.pi, d.home + math.pi) if isinstance(d, Turn) else (d.speed, d.low, d.high)
+            (d.speed, d.home - math.pi, d.home + math.pi)
+            if isinstance(d, Turn)
+            else (d.speed, float(d.low or 0.0), float(d.high or 0.0))
             for d in self.dofs
         )
+
+    @property
+    def base(self) -> tuple[Feed | Twist, ...]:
+        """The degrees of freedom of the wire's base, which come last."""
+        return tuple(d for d in (self.feed, self.twist) if d is not None)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -203,12 +223,13 @@ class Rig:
             for dof in mount.dofs:
                 turns = isinstance(dof, Turn)
                 found.append(f"angle of {which} about {dof.axis}" if turns else f"place of {which} along {dof.axis}")
-        return (*found, *(f"current of coil {c} along {coil.axis}" for c, coil in enumerate(self.coils)))
+        found += [f"current of coil {c} along {coil.axis}" for c, coil in enumerate(self.coils)]
+        return (*found, *("wire inserted" if isinstance(d, Feed) else "turn of the wire's base" for d in self.base))
 
     @property
-    def dofs(self) -> tuple[Turn | Slide | Current, ...]:
-        """Every actuated degree of freedom, in the order of the command: the magnets', then the coils' currents."""
-        return tuple(d for m in self.magnets for d in m.dofs) + tuple(c.current for c in self.coils)
+    def dofs(self) -> tuple[Turn | Slide | Current | Feed | Twist, ...]:
+        """Every actuated degree of freedom, in the command's order: the magnets', the coils' currents, the base's."""
+        return tuple(d for m in self.magnets for d in m.dofs) + tuple(c.current for c in self.coils) + self.base
 
 
 def wrapped(gap: np.ndarray, is_turn: np.ndarray | bool = True) -> np.ndarray:

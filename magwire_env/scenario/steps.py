@@ -1,4 +1,4 @@
-"""Which locked wires can be integrated, and how many steps they need in a control period."""
+"""Which locked wires can be integrated, and how many steps locked and free ones need in a control period."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from .scenario import Scenario
 
 __all__ = [
-    "LONGEST_STEP", "MOST_STRETCH", "MOST_SUBSTEPS", "STIFF_STEP", "bending_step", "check", "common_substeps",
-    "is_stiff", "substeps_needed",
+    "FREE_STEP", "LONGEST_STEP", "MOST_STRETCH", "MOST_SUBSTEPS", "STIFF_STEP", "bending_step", "check",
+    "common_substeps", "is_stiff", "substeps_needed",
 ]  # fmt: skip
 
 LONGEST_STEP = 0.05
@@ -23,6 +23,10 @@ LONGEST_STEP = 0.05
 
 _LIGHT_STEP, _LIGHT_SHARE = 0.0125, 0.9
 """s, and 1: a wire that weighs little for its drag follows the magnet at once, and takes a quarter of that step."""
+
+FREE_STEP = 0.02
+"""s. The free wire's: its own search halves steps that do not converge, and the mesh decides the accuracy, see
+`tests/speed/free_accuracy.py`."""
 
 STIFF_STEP = 0.02
 """s. A wire whose `bending_step` is shorter counts as stiff; the paper's has 56 ms, one of 5 cm 28 ms."""
@@ -70,10 +74,13 @@ def is_stiff(scenario: Scenario) -> bool:
 
 
 def substeps_needed(scenario: Scenario) -> int:
-    """Steps in a control period: none longer than 50 ms, than 12.5 ms + 0.9 m/D, and of stiff wires `bending_step`.
+    """Steps in a control period: none longer than 50 ms, than 12.5 ms + 0.9 m/D, and of stiff wires `bending_step`;
+    of the free wire `FREE_STEP`.
 
     m/D is the time that drag needs to slow the wire down, 43 ms for the paper's.
     """
+    if scenario.model == "free":
+        return math.ceil(scenario.timing.control_period / FREE_STEP - 1e-9)
     drag = scenario.contact.drag * scenario.wire.length
     follows = _LIGHT_STEP + _LIGHT_SHARE * scenario.moving_mass / drag if drag else math.inf
     bends = bending_step(scenario)

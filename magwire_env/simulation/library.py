@@ -9,7 +9,7 @@ import numpy as np
 
 from ..scenario import Scenario
 from ..scenario.steps import common_substeps
-from .model import model_class
+from .model import model_class, require
 from .rig_arrays import RigLibrary
 from .servo import LIMIT
 
@@ -42,6 +42,9 @@ class Library:
     dof, magnet_count, is_turn, home : see `RigLibrary`
     limits : `Limits`
     wire_length, tract_length : (entries,) m
+    start_length : (entries,) m, where the tip of a wire stands that lies just inside the inlet: the wire's length, or
+        what its feed has inserted
+    reach : (entries, 2) m, how far from the inlet a feed can bring a tip; −∞ and ∞ of a wire that is dragged
     too_long_step : (entries,), the integration step is too long for the wire, see `Scenario.step_too_long`
 
     Raises `ValueError` if the scenarios differ in timing, wire model or the kinds of their degrees of freedom.
@@ -57,6 +60,7 @@ class Library:
                 raise ValueError(f"scenario[{i}].timing must be that of the batch, {timing}, got {sc.timing}")
             if sc.model != self.model:
                 raise ValueError(f"scenario[{i}].model must be that of the batch, {self.model!r}, got {sc.model!r}")
+            _check_model(sc)
         self.control_period, self.substeps = timing.control_period, common_substeps(self.scenarios)
         self.rigs = RigLibrary(self.scenarios)
         self.wires: Any = model_class(self.model).library(self.scenarios)
@@ -69,3 +73,18 @@ class Library:
         )
         self.wire_length = np.array([sc.wire.length for sc in self.scenarios])
         self.tract_length = np.array([sc.tract.length for sc in self.scenarios])
+        self.start_length = np.array(
+            [sc.wire.length if sc.rig.feed is None else sc.rig.feed.home for sc in self.scenarios], dtype=np.float64
+        )
+        feeds = [sc.rig.feed for sc in self.scenarios]
+        self.reach = np.array([(-np.inf, np.inf) if f is None else (f.low, f.high) for f in feeds], dtype=np.float64)
+
+
+def _check_model(sc: Scenario) -> None:
+    """Raise `ValueError` if the scenario holds what its wire model knows nothing of."""
+    if sc.rig.base:
+        require(sc, "base", "Scenario.rig.feed")
+    if sc.wire.profiled:
+        require(sc, "profiles", f"Scenario.wire.{sc.wire.profiled[0]}")
+    if sc.lumen is not None and (len(sc.lumen.branches) > 1 or sc.lumen.wall is not None):
+        require(sc, "branches", "Scenario.lumen")

@@ -26,6 +26,10 @@ FEATURES = {
     "quasistatic": "a quasi-static theory along one centreline: certificates, force maps, best commands, the par",
     "arclength": "nodes that are arc lengths of one centreline",
     "vary": "friction and stiffness that change from episode to episode",
+    "base": "a base that can be fed and turned",
+    "profiles": "properties that change along the wire",
+    "branches": "a lumen that branches, or with a wall of its own",
+    "contact": "contact forces node by node",
 }
 """What a model may support, by name."""
 
@@ -93,7 +97,11 @@ class WireModel(Protocol):
         """Where the tip of a wire stands that lies just inside the inlet."""
 
     def lay(self, lanes: np.ndarray, places: Places) -> None:
-        """Wires of `lanes` at rest with their tips at `places`; the simulator refreshes afterwards."""
+        """Wires of `lanes` at rest with their tips at `places`; the simulator refreshes afterwards.
+
+        A model with a base puts the rig's feed and twist to where this leaves them. Raises `ValueError`, before
+        anything changes, for places where its wires cannot be.
+        """
 
     def set_goal(self, lanes: np.ndarray, places: Places) -> None:
         """From now on the way left of `lanes` counts to `places`."""
@@ -123,8 +131,11 @@ class WireModel(Protocol):
         """The route's centreline `offsets` (k,) m ahead of every tip: points, tangents, curvature, (n, k, 9)."""
 
 
+BUILT_IN = ("locked", "free")
+
 _MODELS: dict[str, str | Callable[..., WireModel]] = {
     "locked": "magwire_env.simulation.locked.arrays:LockedWires",
+    "free": "magwire_env.simulation.free.arrays:FreeModel",
 }
 
 
@@ -133,7 +144,7 @@ def register_model(name: str, model: str | Callable[..., WireModel]) -> None:
 
     model : a class that offers what `WireModel` lists, or "module:Class"
     """
-    if name in ("locked", "free"):
+    if name in BUILT_IN:
         raise ValueError(f"name must be of a model that does not exist yet, got {name!r}")
     _MODELS[name] = model
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .model import WireModel
+from .library import Library
+from .model import WireModel, require
 from .readout import ROW
 from .rig_arrays import RigLanes
 
@@ -15,10 +16,11 @@ class Observed:
     """The readings of a batch of n wires; `Simulator` has all of them. Arrays are copies.
 
     num_envs : n
-    readout, trace, rig, model : as of `Simulator`
+    library, readout, trace, rig, model : as of `Simulator`
     """
 
     num_envs: int
+    library: Library
     readout: np.ndarray
     trace: np.ndarray
     rig: RigLanes
@@ -139,6 +141,24 @@ class Observed:
     def contact_forces(self) -> np.ndarray:
         """(n, nodes, 3) N, what the wall exerts on every node; of the locked wire known at the tip alone."""
         return self.model.node_contact(np.arange(self.num_envs))
+
+    @property
+    def base_force(self) -> np.ndarray:
+        """(n, 3) N, what the feed exerts on the wire; 0 of a wire whose base is free. Models without a base refuse."""
+        require(self.library.scenarios[0], "base", "base_force")
+        return self._rows(ROW.base_force_x)
+
+    @property
+    def base_torque(self) -> np.ndarray:
+        """(n, 3) N·m, what the sleeve exerts on the wire; as `base_force`."""
+        require(self.library.scenarios[0], "base", "base_torque")
+        return self._rows(ROW.base_torque_x)
+
+    @property
+    def inserted_length(self) -> np.ndarray:
+        """(n,) m of wire inside the lumen; as `base_force`."""
+        require(self.library.scenarios[0], "base", "inserted_length")
+        return self._row(ROW.inserted)
 
     def ahead(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The route's centreline ahead of the tips: offsets (k,) m along it → points (m), unit tangents and curvature

@@ -25,6 +25,9 @@ class Readout(NamedTuple):
     speed : m/s, of the tip along its way
     travelled : m, way from the inlet to the tip along the route
     remaining : m, way left along the route to the goal; negative once past it
+    base_force_x … base_force_z : N, what holds the wire's base; 0 where nothing does
+    base_torque_x … base_torque_z : N·m, the same
+    inserted : m of wire inside the lumen; 0 of a model without a base
     peak_lateral, peak_wall : N, largest over the substeps of the last control period
     mean_wall : N, mean over those substeps
     travel : rad and m summed, how far the rig moved in the last control period
@@ -51,6 +54,13 @@ class Readout(NamedTuple):
     speed: int
     travelled: int
     remaining: int
+    base_force_x: int
+    base_force_y: int
+    base_force_z: int
+    base_torque_x: int
+    base_torque_y: int
+    base_torque_z: int
+    inserted: int
     peak_lateral: int
     peak_wall: int
     mean_wall: int

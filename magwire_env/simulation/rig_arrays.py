@@ -8,7 +8,7 @@ import numpy as np
 
 from ..physics.dipoles import MU0
 from ..physics.magnets import PointDipole
-from ..scenario import Scenario, Turn
+from ..scenario import Feed, Scenario, Turn, Twist
 from .lanes import LANES
 from .magnetics import MAGNET, SLOT, SOURCE, Magnetics
 from .servo import Actuators
@@ -21,6 +21,7 @@ class RigLibrary:
 
     dof, magnet_count : degrees of freedom; magnets, coils not counted
     is_turn : (dof,)
+    feed, twist : which degree of freedom feeds and turns a wire's base, −1 for none; they come last
     home : (entries, dof) rad, m or A
     limits : (entries, dof, 3), see `magwire_env.simulation.servo.Limit`
     slots : (magnets and coils, 9), see `magwire_env.simulation.magnetics.Slot`
@@ -39,7 +40,11 @@ class RigLibrary:
         rig = scenarios[0].rig
         self.dof, self.magnet_count = len(rig.dofs), len(rig.magnets)
         self.is_turn = np.array([isinstance(d, Turn) for d in rig.dofs], dtype=np.bool_)
-        self.home = np.array([[d.home for d in sc.rig.dofs] for sc in scenarios]).reshape(-1, self.dof)
+        kinds = [type(d) for d in rig.dofs]
+        self.feed, self.twist = (kinds.index(k) if k in kinds else -1 for k in (Feed, Twist))
+        self.home = np.array([[d.home for d in sc.rig.dofs] for sc in scenarios], dtype=np.float64).reshape(
+            -1, self.dof
+        )
         self.limits = np.array([sc.rig.limits for sc in scenarios]).reshape(-1, self.dof, 3)
         self.slots = _slots(scenarios[0])
         self.magnets = np.array([_magnet_rows(sc) for sc in scenarios])
@@ -91,6 +96,11 @@ class RigLanes:
         library = self.library
         found = Magnetics(library.slots, self._magnets, self._clouds, self._cloud_of, library.sources)
         self._magnetics = tuple(found)
+
+    def place(self, lanes: np.ndarray, magnet: np.ndarray) -> None:
+        """Put what is outside the wire to (n, dof) rad, m or A; where a wire's base is, the wire itself says."""
+        base = (self.library.feed >= 0) + (self.library.twist >= 0)
+        self.q[: self.library.dof - base, lanes] = magnet.T[: self.library.dof - base]
 
     @property
     def magnetics(self) -> tuple:

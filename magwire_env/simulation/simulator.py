@@ -188,17 +188,20 @@ class Simulator(Observed):
     def lay(self, lanes: np.ndarray, places: Places, magnet: np.ndarray, goals: Places | None = None) -> None:
         """`reset` of `lanes` (n,), unchecked: tips at `places`, the rig at (n, dof) rad or m, new goals if given."""
         with self._lock:
+            self.model.lay(lanes, places)
             if goals is not None:
                 self._aim(lanes, goals)
-            self.rig.q[:, lanes] = magnet.T
-            self.model.lay(lanes, places)
+            self.rig.place(lanes, magnet)
             self.model.refresh(lanes)
             self.time[lanes] = 0.0
 
     def set_rig(self, magnet: np.ndarray, lanes: np.ndarray | None = None) -> None:
-        """Put the rig of `lanes` (all by default) to (n, dof) rad or m, as if it had always been there."""
+        """Put the rig of `lanes` (all by default) to (n, dof) rad or m, as if it had always been there.
+
+        Feed and twist of a wire's base stay as they are: the wire would have to be another one.
+        """
         lanes = np.arange(self.num_envs) if lanes is None else self._checked_lanes(lanes)
-        self.rig.q[:, lanes] = self._setting(magnet, len(lanes)).T
+        self.rig.place(lanes, self._setting(magnet, len(lanes)))
         self.model.refresh(lanes)
 
     def set_goal(self, lanes: np.ndarray, places: Places | np.ndarray) -> None:

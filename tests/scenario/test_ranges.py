@@ -13,11 +13,13 @@ from magwire_env.scenario import (
     Coil,
     Contact,
     Current,
+    Feed,
     Reading,
     Sensing,
     Slide,
     Timing,
     Turn,
+    Twist,
     Variation,
 )
 
@@ -26,11 +28,12 @@ PARTS = {
     "Guidewire": PAPER.wire, "Tract": PAPER.tract, "BlockMagnet": BlockMagnet((0.05, 0.05, 0.05), 1.3),
     "CylinderMagnet": PAPER.tip, "PointDipole": PointDipole(1.0), "Contact": PAPER.contact, "Timing": Timing(),
     "ActuatedMagnet": PAPER.rig.magnets[0], "Turn": Turn(), "Slide": Slide("x", -1.0, 1.0), "Current": Current(),
-    "Coil": Coil("x"), "Reading": Reading(), "Sensing": Sensing(), "Variation": Variation(), "Scenario": PAPER,
+    "Coil": Coil("x"), "Feed": Feed(), "Twist": Twist(),
+    "Reading": Reading(), "Sensing": Sensing(), "Variation": Variation(), "Scenario": PAPER,
 }  # fmt: skip
 KINDS = (
     Guidewire, Tract, BlockMagnet, CylinderMagnet, PointDipole, Contact, Timing, ActuatedMagnet, Turn, Slide, Current,
-    Coil, Reading, Sensing, Variation, Scenario,
+    Coil, Feed, Twist, Reading, Sensing, Variation, Scenario,
 )  # fmt: skip
 
 
