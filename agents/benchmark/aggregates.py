@@ -152,6 +152,7 @@ def _policy(found: Sequence[dict[str, Any] | None], par: Episodes | None) -> tup
         "mean_wall_force_mN": 1e3 * float(over(lambda r: r.mean_wall_force).mean()),
         "magnet_travel": float(np.median(over(lambda r: r.magnet_travel))),
         "cost_mN_steps": 1e3 * float(over(lambda r: r.cost).mean()),
+        "untrusted_episodes": int((over(lambda r: r.unconverged) > 0).sum()),
     }
     return entry, [group for group in scores if len(group)]
 

@@ -30,14 +30,17 @@ from .plan import Cell, Plan
 __all__ = ["make"]
 
 
-def make(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
+def make(plan: Plan, cell: Cell, out: Path, token: str = "") -> dict[str, Any]:
     """Compute a cell and write its record; returns the record. The file is there only when it is complete.
+
+    token : of the run of the benchmark that makes it
 
     If a policy refuses its arena with a `ValueError` when it is built, the record says why.
     """
     started = time.perf_counter()
     result = _MAKERS[cell.kind](plan, cell, out)
-    record = {"settings": plan.settings(cell), "seconds": time.perf_counter() - started, **result}
+    seconds = time.perf_counter() - started
+    record = {"settings": plan.settings(cell), "seconds": seconds, "made_by": token, **result}
     write_whole(cell.file(out), json.dumps(record))
     return record
 

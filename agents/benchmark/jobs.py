@@ -1,29 +1,25 @@
-"""Runs the benchmark's cells in worker processes, each on a core of its own; a failed cell does not stop the others."""
+"""Makes the benchmark's cells as tasks of an engine; a failed cell does not stop the others."""
 
 from __future__ import annotations
 
 import contextlib
 import fnmatch
-import multiprocessing
-import os
-import time
+import secrets
+import tempfile
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from multiprocessing.connection import wait
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TextIO
 
 from magwire_env.progress import Progress
 
+from ..engines import Outcome, Task, engine, run
+from ..engines.shared import Shared
 from ..learning.run_folder import locked
-from ..processes import PATIENCE, end_with_parent, sigterm_as_ctrl_c
 from .plan import Cell, Plan
 
-__all__ = ["Job", "jobs_of", "run_cells", "selected"]
-
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+__all__ = ["Job", "jobs_of", "make_cells", "run_cells", "selected"]
 
 
 @dataclass(frozen=True)
@@ -32,6 +28,11 @@ class Job:
 
     cells: tuple[Cell, ...]
     needs: frozenset[Cell]
+
+    @property
+    def name(self) -> str:
+        """Its first cell's."""
+        return self.cells[0].name
 
 
 def selected(cells: Sequence[Cell], only: Sequence[str]) -> list[Cell]:
@@ -64,102 +65,76 @@ def jobs_of(plan: Plan, cells: Sequence[Cell]) -> list[Job]:
     return sorted(found, key=lambda one: one.cells[0].kind != "train")
 
 
-def run_cells(plan: Plan, cells: Sequence[Cell], out: Path, workers: int) -> list[Cell]:
-    """Make `cells` in `workers` processes; returns the cells that failed. The log of such a cell has its traceback."""
-    if workers < 1:
-        raise ValueError(f"workers must be at least 1, got {workers}")
-    with locked(out), sigterm_as_ctrl_c():
-        return _run(plan, cells, out, workers)
+def run_cells(
+    plan: Plan, cells: Sequence[Cell], out: Path, workers: int, ray: str | None = None, store: str | None = None
+) -> list[Cell]:
+    """Make `cells`, and have their files in `out`; returns the cells that failed, whose logs have the tracebacks.
 
+    workers, ray : see `agents.engines.engine`
+    store : URL through which workers share files, for nodes that do not share the folder `out`
+    """
+    chosen = engine(workers, ray)
+    with locked(out):
+        token, jobs = secrets.token_hex(8), jobs_of(plan, cells)
+        failed: list[Cell] = []
+        names = {cell: job.name for job in jobs for cell in job.cells}
+        tasks = [
+            Task(job.name, make_cells, (plan, job.cells, out, store, token), frozenset(names[c] for c in job.needs))
+            for job in jobs
+        ]
 
-def _run(plan: Plan, cells: Sequence[Cell], out: Path, workers: int) -> list[Cell]:
-    waiting = jobs_of(plan, cells)
-    running: dict[int, tuple[BaseProcess, Job]] = {}
-    undone, failed = set(cells), []
-    context = multiprocessing.get_context("spawn")
-    started = time.time()
-    try:
+        def told(outcome: Outcome) -> None:
+            made = outcome.task.arguments[1]
+            progress.done += len(made)
+            if store is not None:
+                Shared(store).pull([name for cell in made for name in _files(plan, cell)], out)
+            for cell in made:
+                if not _is_new(plan, cell, out, token):
+                    failed.append(cell)
+                    if outcome.failure is not None:
+                        with _opened(cell.log(out)) as log:
+                            log.write(f"{type(outcome.failure).__name__}: {outcome.failure}\n")
+                print(_said(plan, cell, out, cell in failed), flush=True)
+
         with Progress("making the benchmark's cells", len(cells)) as progress:
-            while waiting or running:
-                for slot in set(range(workers)) - set(running):
-                    ready = next((job for job in waiting if not job.needs & undone), None)
-                    if ready is None:
-                        break
-                    waiting.remove(ready)
-                    with _one_thread():
-                        process = context.Process(target=_work, args=(plan, ready.cells, out, slot, workers))
-                        process.start()
-                    running[slot] = process, ready
-                progress.stage = "now " + " and ".join(job.cells[0].name for _, job in running.values())
-                wait([process.sentinel for process, _ in running.values()])
-                for slot, (ended, job) in list(running.items()):
-                    if not ended.is_alive():
-                        ended.join()
-                        del running[slot]
-                        undone -= set(job.cells)
-                        failed += _failures(plan, job, out, ended.exitcode, started)
-                progress.done = len(cells) - len(undone)
-    except KeyboardInterrupt:
-        _stop([worker for worker, _ in running.values()])
-        raise
+            run(chosen, tasks, told)
     return failed
 
 
-def _stop(workers: Sequence[BaseProcess]) -> None:
-    """Have workers save what they train and end; those that take too long are killed."""
-    try:
-        for worker in workers:
-            worker.terminate()
-        until = time.monotonic() + PATIENCE
-        for worker in workers:
-            worker.join(max(0.0, until - time.monotonic()))
-    finally:
-        for worker in workers:
-            worker.kill()
-            worker.join()
+def make_cells(plan: Plan, cells: Sequence[Cell], out: Path, store: str | None, token: str, attempt: int = 0) -> None:
+    """A task: make cells in turn, each with its own log. One that fails does not stop the next.
+
+    attempt : of a task that has lost workers; what they finished is not made again
+    token : of this run, which the records get
+    """
+    if store is None:
+        _make_each(plan, cells, out, token, attempt)
+        return
+    shared = Shared(store)
+    with tempfile.TemporaryDirectory() as scratch:
+        here = Path(scratch)
+        needed = {training for cell in cells if (training := plan.training_of(cell)) is not None}
+        shared.pull([name for cell in (*needed, *cells) for name in _files(plan, cell)], here)
+        try:
+            _make_each(plan, cells, here, token, attempt, lambda cell: shared.push(_files(plan, cell), here))
+        except KeyboardInterrupt:
+            shared.push([name for cell in cells for name in _files(plan, cell)], here)
+            raise
 
 
-def _failures(plan: Plan, job: Job, out: Path, status: int | None, started: float) -> list[Cell]:
-    """The job's cells that have no new record. If their process died, their logs get a line that says so."""
-    failed = []
-    for cell in job.cells:
-        file = cell.file(out)
-        if file.exists() and file.stat().st_mtime >= started - 2 and plan.record(cell, out) is not None:
-            continue
-        failed.append(cell)
-        if status:
-            with _opened(cell.log(out)) as log:
-                log.write(f"the worker process ended with status {status}\n")
-    return failed
-
-
-def _opened(path: Path) -> TextIO:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return path.open("a", encoding="utf-8", buffering=1)
-
-
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    """Processes that are started within use one thread for each library; libraries read this when they are imported."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-def _work(plan: Plan, cells: Sequence[Cell], out: Path, slot: int, workers: int) -> None:
-    """A worker process: it makes its cells in turn, logs what they print, and prints a line for each."""
-    end_with_parent()
-    _take_core(slot, workers)
+def _make_each(
+    plan: Plan,
+    cells: Sequence[Cell],
+    out: Path,
+    token: str,
+    attempt: int,
+    keep: Callable[[Cell], None] = lambda _: None,
+) -> None:
     from .cells import make
 
     for cell in cells:
+        if attempt and _is_new(plan, cell, out, token):
+            continue
         log = cell.log(out)
         log.parent.mkdir(parents=True, exist_ok=True)
         try:
@@ -168,21 +143,35 @@ def _work(plan: Plan, cells: Sequence[Cell], out: Path, slot: int, workers: int)
                 contextlib.redirect_stdout(file),
                 contextlib.redirect_stderr(file),
             ):
-                record = make(plan, cell, out)
-        except KeyboardInterrupt:
-            return
-        except Exception as failure:
+                make(plan, cell, out, token)
+        except Exception:
             with _opened(log) as end:
                 traceback.print_exc(file=end)
-            print(f"FAILED    {cell.name}: {failure!r}, see {log}", flush=True)
-        else:
-            word = "n/a" if "not_applicable" in record else "done"
-            print(f"{word:<9} {cell.name}, {record['seconds']:.1f} s", flush=True)
+        keep(cell)
 
 
-def _take_core(slot: int, workers: int) -> None:
-    """Bind the process to one core; the simulator would share large batches out over all cores that it may use."""
-    if hasattr(os, "sched_setaffinity"):
-        cores = sorted(os.sched_getaffinity(0))
-        if workers <= len(cores):
-            os.sched_setaffinity(0, {cores[slot]})
+def _files(plan: Plan, cell: Cell) -> list[str]:
+    """Names of a cell's files and folders, relative to the output folder."""
+    root = Path()
+    found = [cell.file(root), cell.log(root), *([cell.run(root)] if cell.kind == "train" else [])]
+    return [path.as_posix() for path in found]
+
+
+def _is_new(plan: Plan, cell: Cell, out: Path, token: str) -> bool:
+    """The cell has a record with the plan's settings that this run has made."""
+    record = plan.record(cell, out)
+    return record is not None and record.get("made_by") == token
+
+
+def _said(plan: Plan, cell: Cell, out: Path, failed: bool) -> str:
+    """A line about a cell that has been tried."""
+    record = None if failed else plan.record(cell, out)
+    if record is None:
+        reason = cell.log(out).read_text(encoding="utf-8").strip().splitlines()[-1:] if cell.log(out).exists() else []
+        return f"FAILED    {cell.name}: {''.join(reason)}, see {cell.log(out)}"
+    return f"{'n/a' if 'not_applicable' in record else 'done':<9} {cell.name}, {record['seconds']:.1f} s"
+
+
+def _opened(path: Path) -> TextIO:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path.open("a", encoding="utf-8", buffering=1)

@@ -163,6 +163,10 @@ def _arena(arena: dict[str, Any]) -> str:
     rows = [_row(entry, arena["tracking"]) for entry in arena["policies"]]
     lines += [_table(head, rows), ""]
     lines += [_bracket(arena)]
+    untrusted = {e["policy"]: e["untrusted_episodes"] for e in arena["policies"] if e.get("untrusted_episodes")}
+    if untrusted:
+        listed = ", ".join(f"{name} in {count}" for name, count in untrusted.items())
+        lines += ["", f"Episodes with integration steps that are not to be trusted: {listed}."]
     refused = {e["policy"]: e["reason"] for e in arena["policies"] if e["state"] == "not applicable"}
     if refused:
         lines += ["", "Not applicable: " + "; ".join(f"{name} ({reason})" for name, reason in refused.items()) + "."]

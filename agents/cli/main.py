@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import reduce
 from operator import or_
 from pathlib import Path
@@ -29,7 +29,14 @@ __all__ = ["main"]
 
 @dataclass
 class Train(Config):
-    """Train a policy; the same as `python train.py`."""
+    """Train a policy, as `python train.py` does, or one for each of several seeds."""
+
+    seeds: str | None = None
+    """Seeds such as 0-9 or 0,3,5: one run for each, side by side, in place of `seed`."""
+    workers: int = 2
+    """With seeds: processes at a time."""
+    ray: str | None = None
+    """With seeds: train on Ray, "local" or the address of a cluster whose nodes share this folder."""
 
 
 @dataclass
@@ -88,6 +95,10 @@ class Benchmark:
     """Folder of the finished cells."""
     workers: int = 2
     """Processes at a time, one core each."""
+    ray: str | None = None
+    """Make the cells as tasks of Ray: "local", or the address of a cluster, which then has the workers."""
+    store: str | None = None
+    """URL through which a cluster's nodes share files (s3://…, file:///…), where they do not share the folder out."""
     only: tuple[str, ...] = ()
     """Only cells whose name contains one of these patterns, such as "evaluate Steer MPPI" or "train*ppo"."""
     controllers: tuple[str, ...] = ()
@@ -187,7 +198,7 @@ def benchmark(options: Benchmark) -> None:
         wanted = [cell for cell, state in states.items() if options.again or state != "finished"]
         print(f"{len(wanted)} cells to make, {len(cells) - len(wanted)} finished", flush=True)
         try:
-            failed = run_cells(plan, wanted, options.out, options.workers)
+            failed = run_cells(plan, wanted, options.out, options.workers, options.ray, options.store)
         except KeyboardInterrupt:
             sys.exit("interrupted; finished cells are kept, and the same command goes on")
     data = collect(plan, options.out)
@@ -222,6 +233,13 @@ class Tune:
     """A TOML file or a shipped name, in place of the task's scenario."""
     out: Path = Path("runs/studies")
     """Folder to write to."""
+    storage: str | None = None
+    """Optuna's storage, in which the study goes on where it stopped and which all workers share: a journal file, or a
+    database's URL. By default a journal file that lasts as long as the command."""
+    workers: int = 1
+    """Trainings at a time. With one, a study depends on its seed alone."""
+    ray: str | None = None
+    """Train on Ray: "local", or the address of a cluster whose nodes reach the storage."""
 
 
 def tune(options: Tune) -> None:
@@ -229,6 +247,18 @@ def tune(options: Tune) -> None:
     from agents.learning.tuning import tune
 
     print(tune(**asdict(options)))
+
+
+def train_seeds(options: Train) -> None:
+    """Train one policy, or one for each seed; status 1 if one of those failed."""
+    asked = {f.name: getattr(options, f.name) for f in fields(Config)}
+    if options.seeds is None:
+        train(Config(**asked))
+        return
+    from agents.cli.seeds import numbers, train_all
+
+    if failed := train_all(Config(**asked), numbers(options.seeds), options.workers, options.ray):
+        sys.exit("\n".join(f"failed: {line}" for line in failed))
 
 
 @dataclass
@@ -289,6 +319,6 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 _RUN: dict[type, Callable[[Any], Any]] = {
-    Train: train, Export: export, Evaluate: evaluate, Robustness: robustness, Benchmark: benchmark, Tune: tune,
+    Train: train_seeds, Export: export, Evaluate: evaluate, Robustness: robustness, Benchmark: benchmark, Tune: tune,
     Validate: validate, Figures: figures, Cache: cache,
 }  # fmt: skip

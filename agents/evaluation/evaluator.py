@@ -39,6 +39,7 @@ class Episodes:
     cost : wall force above its limit, summed over the control steps, N·steps
     magnet_travel : rad and m summed
     steps : control steps
+    unconverged : integration steps whose motion is not to be trusted, see `magwire_env.simulation.readout`
     """
 
     policy: str
@@ -54,6 +55,7 @@ class Episodes:
     cost: np.ndarray
     magnet_travel: np.ndarray
     steps: np.ndarray
+    unconverged: np.ndarray
     reward: np.ndarray
 
     @property
@@ -106,6 +108,7 @@ class Episodes:
             "mean_cost_N_steps": float(self.cost.mean()),
             "median_magnet_travel": float(np.median(self.magnet_travel)),
             "mean_reward": float(self.reward.mean()),
+            "untrusted_episodes": int((self.unconverged > 0).sum()),
         }
 
     def to_json(self, par: Episodes | None = None) -> dict[str, Any]:
@@ -121,7 +124,9 @@ class Episodes:
     def from_json(cls, stored: dict[str, Any]) -> Episodes:
         """The episodes of what `to_json` returned."""
         episodes = stored["episodes"]
-        kinds: dict[str, Any] = {"success": np.bool_, "steps": np.int64}
+        kinds: dict[str, Any] = {"success": np.bool_, "steps": np.int64, "unconverged": np.int64}
+        if "unconverged" not in episodes:  # of an earlier version
+            episodes = {**episodes, "unconverged": [0] * len(episodes["success"])}
         arrays: dict[str, Any] = {
             f.name: np.array(
                 [np.nan if x is None else x for x in episodes[f.name]], dtype=kinds.get(f.name, np.float64)
@@ -170,7 +175,8 @@ def evaluate(
     n = env.num_envs
     results = {f.name: np.full(n, np.nan) for f in fields(Episodes) if f.name != "policy"}
     results |= {"start": core.sim.tip_arclength, "goal": core.goal.copy()}
-    results |= {"steps": np.zeros(n, dtype=np.int64), "success": np.zeros(n, dtype=np.bool_)}
+    results |= {name: np.zeros(n, dtype=np.int64) for name in ("steps", "unconverged")}
+    results["success"] = np.zeros(n, dtype=np.bool_)
     cost, reward = np.zeros(n), np.zeros(n)
     title = name or type(policy).__name__
     with Progress(f"{title} on {core.task.id}: episodes ended", n) as progress:
@@ -182,7 +188,7 @@ def evaluate(
             if ended.any():
                 results["success"][ended] = info["is_success"][ended]
                 results["path_ratio"][ended] = np.nan if core.task.kind.follows else info["path_ratio"][ended]
-                for key in (*_SUMMARISED, "steps"):
+                for key in (*_SUMMARISED, "steps", "unconverged"):
                     if key in info["summary"]:
                         results[key][ended] = info["summary"][key][ended]
     results["time"][~results["success"]] = np.nan
@@ -213,10 +219,22 @@ def table(rows: list[Episodes], reference: str = "MaxForce", par: Episodes | Non
     if markdown:
         head = [column.head for column in columns]
         parts = [head, ["---"] * len(head), *lines]
-        return "\n".join("| " + " | ".join(cells) + " |" for cells in parts)
+        text = "\n".join("| " + " | ".join(cells) + " |" for cells in parts)
+        return "\n".join([text, *_untrusted(rows)])
     text = format_table(tuple(column.short for column in columns), lines)
     meaning = "; ".join(f"{c.short}: {c.head}" for c in columns if c.short != c.head)
-    return f"{text}\n\n{fill(meaning, 118)}"
+    return "\n".join([text, "", fill(meaning, 118), *_untrusted(rows)])
+
+
+def _untrusted(rows: list[Episodes]) -> list[str]:
+    """Lines that say which policies' episodes have steps not to be trusted."""
+    lines = []
+    for row in rows:
+        untrusted = int((row.unconverged > 0).sum())
+        if untrusted:
+            said = f"{row.policy}: {untrusted} of {len(row.success)} episodes have steps not to be trusted, in which "
+            lines += ["", said + "friction did not converge, nodes passed each other, or the step was too long."]
+    return lines
 
 
 @dataclass(frozen=True)

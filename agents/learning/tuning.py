@@ -17,9 +17,13 @@ from typing import Any
 
 import optuna
 import yaml
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
+from optuna.trial import FrozenTrial
 
 from magwire_env.physics.checks import one_of, whole
 
+from ..engines import Outcome, Task, engine, run
 from .config import Config
 from .hyperparameters import hyperparameters
 from .training import Run, curve_of, learn, read_curve
@@ -79,6 +83,9 @@ def tune(
     seed: int = 1000,
     scenario: str | None = None,
     out: Path = STUDIES,
+    storage: str | None = None,
+    workers: int = 1,
+    ray: str | None = None,
 ) -> Path:
     """Run a study and write its settings, the best trial, and all trials in their order. Returns the file.
 
@@ -87,31 +94,36 @@ def tune(
     seed : of the search and of every training; the benchmark trains with other seeds
     scenario : a TOML file or a shipped name, in place of the task's
     out : folder to write to
+    storage : a journal file or a database's URL, in which a study goes on where it stopped; by default a journal file
+        that lasts as long as this call
+    workers, ray : see `agents.engines.engine`; with one worker a study depends on its seed alone
     """
     one_of("algorithm", algorithm, tuple(SPACES))
     whole("trials", trials, 1)
-    space, given = SPACES[algorithm], hyperparameters(algorithm, task)
+    given = hyperparameters(algorithm, task)
     timesteps = timesteps or given["n_timesteps"] // 3
     config = Config(
         task=task, algorithm=algorithm, seed=seed, timesteps=timesteps, scenario=scenario, evaluations=1,
         progress=False,
     )  # fmt: skip
+    name = f"{algorithm}-{task.split('/')[-1]}" + ("" if scenario is None else f"-{Path(scenario).stem}")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    study = optuna.create_study(direction="maximize", sampler=optuna.samplers.TPESampler(seed=seed))
-    study.enqueue_trial(_as_given(given, space))
-    rows: list[dict[str, Any]] = []
+    with tempfile.TemporaryDirectory() as scratch:
+        place = storage or str(Path(scratch) / "study.journal")
+        study = _study(place, name)
+        if not study.trials:
+            study.enqueue_trial(_as_given(given, SPACES[algorithm]))
+        left = max(0, trials - len(_finished(study)))
+        tasks = [Task(f"{name} {i}", _one_trial, (place, name, config)) for i in range(left)]
 
-    def objective(trial: optuna.Trial) -> float:
-        changes = {name: ask(trial, name) for name, ask in space.items()}
-        began = time.perf_counter()
-        value = _trained(config, changes)
-        rows.append({"value": round(value, 4), "seconds": round(time.perf_counter() - began, 1), **changes})
-        print(f"trial {trial.number:>3}: {value:8.3f}  {changes}", flush=True)
-        return value
+        def told(outcome: Outcome) -> None:
+            print(outcome.result if outcome.failure is None else f"FAILED    {outcome.failure}", flush=True)
 
-    study.optimize(objective, n_trials=trials)
-    name = task.split("/")[-1] + ("" if scenario is None else f"-{Path(scenario).stem}")
-    path = out / f"{algorithm}-{name}.yml"
+        outcomes = run(engine(workers, ray), tasks, told)
+        rows = [dict(trial.user_attrs["row"]) for trial in _finished(study)]
+    if failed := [outcome.failure for outcome in outcomes if outcome.failure is not None]:
+        raise ValueError(f"{len(failed)} of {left} trials failed, the first with: {failed[0]}")
+    path = out / f"{name}.yml"
     out.mkdir(parents=True, exist_ok=True)
     content = {
         "task": task,
@@ -127,6 +139,38 @@ def tune(
     }
     path.write_text(yaml.safe_dump(content, sort_keys=False, width=120), encoding="utf-8")
     return path
+
+
+def _study(storage: str, name: str) -> optuna.Study:
+    """The study of this name, which is made if there is none."""
+    where: Any = storage
+    if "://" not in storage:
+        Path(storage).parent.mkdir(parents=True, exist_ok=True)
+        where = JournalStorage(JournalFileBackend(storage))
+    return optuna.create_study(storage=where, study_name=name, direction="maximize", load_if_exists=True)
+
+
+def _finished(study: optuna.Study) -> list[FrozenTrial]:
+    return study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.COMPLETE,))
+
+
+def _one_trial(storage: str, name: str, config: Config, attempt: int = 0) -> str:
+    """A task: one more trial of a study; returns a line about it."""
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    study, said = _study(storage, name), []
+    study.sampler = optuna.samplers.TPESampler(seed=config.seed + len(study.trials))
+
+    def objective(trial: optuna.Trial) -> float:
+        changes = {name: ask(trial, name) for name, ask in SPACES[config.algorithm].items()}
+        began = time.perf_counter()
+        value = _trained(config, changes)
+        row = {"value": round(value, 4), "seconds": round(time.perf_counter() - began, 1), **changes}
+        trial.set_user_attr("row", row)
+        said.append(f"trial {trial.number:>3}: {value:8.3f}  {changes}")
+        return value
+
+    study.optimize(objective, n_trials=1)
+    return said[0]
 
 
 def _as_given(given: dict[str, Any], space: Space) -> dict[str, Any]:

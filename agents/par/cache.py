@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import struct
 import tempfile
 import warnings
 import zipfile
+import zlib
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
@@ -24,6 +26,11 @@ __all__ = ["VERSION", "Cache", "default_folder"]
 
 VERSION = 2
 """Goes up when a change of the planner makes it find other plans."""
+
+
+_DAMAGE = (OSError, ValueError, KeyError, EOFError, TypeError, RuntimeError, MemoryError, OverflowError, SyntaxError,
+           struct.error, zlib.error, zipfile.BadZipFile)  # fmt: skip
+"""What reading a damaged archive raises."""
 
 
 def default_folder() -> Path:
@@ -69,7 +76,7 @@ class Cache:
                 plan, value = np.array(file["plan"], dtype=np.float32), float(file["value"])
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as failure:
+        except _DAMAGE as failure:
             warnings.warn(f"{path} is damaged, so its plan is made again: {failure}", stacklevel=2)
             return None
         if plan.ndim != 2 or not plan.size or not np.isfinite(plan).all() or not np.isfinite(value):

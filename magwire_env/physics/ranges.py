@@ -10,7 +10,7 @@ from typing import Any
 
 from .checks import finite, non_negative, positive, vector, whole
 
-__all__ = ["RANGES", "counted", "ranged", "ranged_vector"]
+__all__ = ["RANGES", "counted", "ranged", "ranged_vector", "table"]
 
 RANGES: dict[str, tuple[float, float, str]] = {
     "Guidewire.length": (1e-3, 100.0, "m"),
@@ -90,3 +90,14 @@ def _within(name: str, number: float, called: str = "") -> float:
         where = f"[{low:g}, {high:g}]{f' (in {unit})' if unit else ''}"
         raise ValueError(f"{called or name} must lie in {where}, got {number!r}")
     return number
+
+
+def table() -> str:
+    """The ranges as a Markdown table; ``python -m magwire_env.physics.ranges`` prints it."""
+    lines = ["| number | smallest | largest | unit |", "|---|---|---|---|"]
+    lines += [f"| `{name}` | {low:g} | {high:g} | {unit or '1'} |" for name, (low, high, unit) in RANGES.items()]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    print(table())

@@ -165,10 +165,17 @@ class Scenario:
         `magwire_env.scenario.steps.substeps_needed` derives the number. Soft wires, the paper's among them, take steps
         of 50 ms. A scenario that needs more than `MOST_SUBSTEPS` is refused.
         """
-        return self._substeps if self.timing.substeps is None else self.timing.substeps
+        return self.substeps_needed if self.timing.substeps is None else self.timing.substeps
+
+    @property
+    def step_too_long(self) -> bool:
+        """Whether `timing` gives fewer substeps than the wire needs: all its motion is then reported as unconverged."""
+        given = self.timing.substeps
+        return given is not None and self.model == "locked" and given < self.substeps_needed
 
     @cached_property
-    def _substeps(self) -> int:
+    def substeps_needed(self) -> int:
+        """Integration steps in one control period that the wire needs."""
         return steps.substeps_needed(self)
 
     @property

@@ -31,7 +31,8 @@ MOST_SUBSTEPS = 10_000
 """A scenario that needs more steps in a control period is refused."""
 
 MOST_STRETCH = 2.0
-"""A wire that the magnets could stretch by more, as a share of its length, is refused: its springs are linear."""
+"""A wire that magnets, coils and weight could stretch by more than this share of its length is refused: its springs are
+linear."""
 
 _ERROR = 1e-3
 """m, that the bending of a stiff wire may put the tip off."""
@@ -95,11 +96,15 @@ def check(scenario: Scenario, distances: list[float]) -> None:
         1.5 * MU0 / math.pi * mount.magnet.moment * tip.moment / distance**4
         for mount, distance in zip(scenario.rig.magnets, distances, strict=True)
     )
+    for coil in scenario.rig.coils:
+        pull += tip.moment * abs(coil.gradient) * max(abs(coil.current.low), abs(coil.current.high))
+    pull += scenario.moving_mass * math.hypot(*scenario.gravity)
     if pull > MOST_STRETCH * wire.axial_rigidity:
         least = pull / (MOST_STRETCH * wire.area)
         raise ValueError(
-            f"Scenario.wire.axial_modulus must be at least {least:.3g} Pa, or the magnets' pull of up to {pull:.3g} N "
-            f"stretches the wire to more than {1 + MOST_STRETCH:g} times its length, got {wire.axial_modulus:g} Pa"
+            f"Scenario.wire.axial_modulus must be at least {least:.3g} Pa, or magnets, coils and weight, which pull "
+            f"with up to {pull:.3g} N, stretch the wire to more than {1 + MOST_STRETCH:g} times its length, "
+            f"got {wire.axial_modulus:g} Pa"
         )
     if scenario.timing.substeps is None and scenario.substeps > MOST_SUBSTEPS:
         raise ValueError(

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from numba import njit
+from numba.core import config
 from numba.core.caching import FunctionCache, NullCache
 
 __all__ = ["inlined", "kernel", "precise", "source_stamp"]
@@ -63,7 +64,7 @@ def inlined(function: F) -> F:
 def source_stamp(folder: Path) -> str:
     """A digest of every source file that a kernel in `folder` may depend on."""
     folders = dict.fromkeys([*(_PACKAGE / name for name in _FLOORS), folder])
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(b"bounds are checked" if vars(config).get("BOUNDSCHECK") else b"")
     for file in sorted({file for each in folders for file in each.rglob("*.py")}):
         digest.update(str(file.relative_to(_PACKAGE) if file.is_relative_to(_PACKAGE) else file).encode())
         digest.update(file.read_bytes())

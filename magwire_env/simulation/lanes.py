@@ -4,6 +4,10 @@ Inside a kernel a `Lanes` is used like a float: ``+ - * /``, comparisons (which 
 `minimum`; `load` and `store` move it from and to `LANES` neighbouring numbers of an array. Written as loops over the
 lanes, the same kernel was five times slower: the compiler left half of the loops scalar, for the sign of an index, a
 gather or a possible overlap it could not rule out.
+
+No index is checked, as in all compiled code here. With ``NUMBA_BOUNDSCHECK=1`` in the environment every load, store,
+gather, row and part is, as Numba's own indexing then is: an index out of range raises `IndexError`. Fuzzers run that
+build.
 """
 
 from __future__ import annotations
@@ -13,7 +17,7 @@ import operator
 
 from llvmlite import ir
 from numba import njit
-from numba.core import cgutils, types
+from numba.core import cgutils, config, types
 from numba.core.errors import TypingError
 from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
@@ -151,8 +155,25 @@ def _offset(context, builder, full, kind, index):
     return at
 
 
-def _address(context, builder, array_type, array, index):
+def _check(context, builder, inside, what: str) -> None:
+    """In the bounds-checked build, code that raises `IndexError` unless the bit `inside` is set."""
+    with builder.if_then(builder.not_(inside), likely=False):
+        context.call_conv.return_user_exc(builder, IndexError, (f"{what} outside of an array",))
+
+
+def _check_index(context, builder, full, kind, index, what: str) -> None:
+    """Every index in its axis, and all `LANES` numbers from there on inside the array."""
+    inside = ir.Constant(ir.IntType(1), 1)
+    for axis, i in enumerate(index):
+        inside = builder.and_(inside, builder.icmp_unsigned("<", i, builder.extract_value(full.shape, axis)))
+    end = builder.add(_offset(context, builder, full, kind, index), context.get_constant(types.intp, LANES))
+    _check(context, builder, builder.and_(inside, builder.icmp_signed("<=", end, full.nitems)), what)
+
+
+def _address(context, builder, array_type, array, index, what):
     full = context.make_array(array_type)(context, builder, value=array)
+    if config.BOUNDSCHECK:
+        _check_index(context, builder, full, array_type, index, what)
     at = _offset(context, builder, full, array_type, index)
     return builder.bitcast(builder.gep(full.data, [at]), _DOUBLES.as_pointer())
 
@@ -171,7 +192,7 @@ def load(typingctx, array, *index):
 
     def codegen(context, builder, sig, args):
         index = cgutils.unpack_tuple(builder, args[1])
-        return builder.load(_address(context, builder, sig.args[0], args[0], index), align=8)
+        return builder.load(_address(context, builder, sig.args[0], args[0], index, "a load"), align=8)
 
     return lanes_type(array, kinds), codegen
 
@@ -184,7 +205,7 @@ def store(typingctx, array, *rest):
     def codegen(context, builder, sig, args):
         *index, value = cgutils.unpack_tuple(builder, args[1])
         value = _as_lanes(context, builder, value, list(sig.args[1])[-1])
-        builder.store(value, _address(context, builder, sig.args[0], args[0], index), align=8)
+        builder.store(value, _address(context, builder, sig.args[0], args[0], index, "a store"), align=8)
         return context.get_dummy_value()
 
     return types.void(array, kinds), codegen
@@ -213,6 +234,9 @@ def row(typingctx, array, i):
 
     def codegen(context, builder, sig, args):
         full = context.make_array(sig.args[0])(context, builder, value=args[0])
+        if config.BOUNDSCHECK:
+            first = builder.extract_value(full.shape, 0)
+            _check(context, builder, builder.icmp_unsigned("<", args[1], first), "a row")
         shape = [builder.extract_value(full.shape, axis) for axis in range(1, sig.args[0].ndim)]
         size = shape[0]
         for length in shape[1:]:
@@ -230,6 +254,11 @@ def part(typingctx, array, first, count):
     def codegen(context, builder, sig, args):
         full = context.make_array(sig.args[0])(context, builder, value=args[0])
         shape = [builder.extract_value(full.shape, axis) for axis in range(sig.args[0].ndim)]
+        if config.BOUNDSCHECK:
+            begins, ends = builder.icmp_signed(">=", args[1], args[1].type(0)), builder.add(args[1], args[2])
+            counts = builder.icmp_signed(">=", args[2], args[2].type(0))
+            inside = builder.and_(builder.and_(begins, counts), builder.icmp_signed("<=", ends, shape[0]))
+            _check(context, builder, inside, "a part")
         at = args[1]
         for length in shape[1:]:
             at = builder.mul(at, length)
@@ -305,7 +334,14 @@ def gather(typingctx, array, index, offset):
     """``array[index + offset]``, `index` a whole number a lane."""
 
     def codegen(context, builder, sig, args):
-        data = context.make_array(sig.args[0])(context, builder, value=args[0]).data
+        full = context.make_array(sig.args[0])(context, builder, value=args[0])
+        data = full.data
+        if config.BOUNDSCHECK:
+            at = builder.add(builder.fptosi(args[1], _INTS), _splat(builder, args[2], _INTS))
+            inside = builder.icmp_unsigned("<", at, _splat(builder, full.nitems, _INTS))
+            bits = builder.bitcast(inside, ir.IntType(LANES))
+            every = builder.icmp_unsigned("==", bits, ir.Constant(bits.type, (1 << LANES) - 1))
+            _check(context, builder, every, "a gather")
         first = builder.ptrtoint(builder.gep(data, [args[2]]), ir.IntType(64))
         shift = ir.Constant(_INTS, [3] * LANES)
         where_to = builder.shl(builder.fptosi(args[1], _INTS), shift)

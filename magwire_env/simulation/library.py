@@ -42,6 +42,7 @@ class Library:
     dof, magnet_count, is_turn, home : see `RigLibrary`
     limits : `Limits`
     wire_length, tract_length : (entries,) m
+    too_long_step : (entries,), the integration step is too long for the wire, see `Scenario.step_too_long`
 
     Raises `ValueError` if the scenarios differ in timing, wire model or the kinds of their degrees of freedom.
     """
@@ -63,5 +64,8 @@ class Library:
         self.is_turn, self.home = self.rigs.is_turn, self.rigs.home
         rows = self.rigs.limits
         self.limits = Limits(rows[:, :, LIMIT.speed], rows[:, :, LIMIT.low], rows[:, :, LIMIT.high])
+        self.too_long_step = np.array(
+            [sc.step_too_long and self.substeps < sc.substeps_needed for sc in self.scenarios]
+        )
         self.wire_length = np.array([sc.wire.length for sc in self.scenarios])
         self.tract_length = np.array([sc.tract.length for sc in self.scenarios])

@@ -28,7 +28,8 @@ class Readout(NamedTuple):
     peak_lateral, peak_wall : N, largest over the substeps of the last control period
     mean_wall : N, mean over those substeps
     travel : rad and m summed, how far the rig moved in the last control period
-    unconverged : substeps of the last control period whose solve did not converge; one more if nodes passed each other
+    unconverged : substeps of the last control period whose motion is not to be trusted: whose solve did not converge,
+        one more if nodes passed each other, and all of them where the step given is too long for the wire
     """
 
     force_x: int

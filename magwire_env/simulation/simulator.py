@@ -72,6 +72,7 @@ class Simulator(Observed):
         self.library = scenario if isinstance(scenario, Library) else Library(scenarios)
         self.time = np.zeros(n)
         self._threads, self._period = threads, self.library.control_period
+        self._some_step_too_long = bool(self.library.too_long_step.any())
         self._scratch: Simulator | None = None
         self._lock = threading.RLock()
         self.rig = RigLanes(self.library.rigs, self.num_envs)
@@ -179,7 +180,8 @@ class Simulator(Observed):
         if places is None and tip_arclength is None:
             places = self.model.start(entries)
         elif places is None:
-            places = Places(_numbers("tip_arclength", np.asarray(tip_arclength), (n,), "m"))
+            places = Places(_numbers("tip_arclength", tip_arclength, (n,), "m"))
+        _check_places(places, "tip_arclength")
         magnet = self.library.home[entries] if magnet is None else self._setting(magnet, n)
         self.lay(lanes, places, magnet)
 
@@ -204,7 +206,11 @@ class Simulator(Observed):
 
         places : `Places`, or (n,) m along the first branch
         """
-        self._aim(self._checked_lanes(lanes), places if isinstance(places, Places) else Places(places))
+        lanes, places = self._checked_lanes(lanes), places if isinstance(places, Places) else Places(places)
+        if len(places) != len(lanes):
+            raise ValueError(f"places must be one for each of the {len(lanes)} lanes, got {len(places)}")
+        _check_places(places, "places")
+        self._aim(lanes, places)
 
     def _aim(self, lanes: np.ndarray, places: Places) -> None:
         self._goal[0][lanes], self._goal[1][lanes] = places.branch, places.s
@@ -237,6 +243,9 @@ class Simulator(Observed):
                 self.model.step()
             finally:  # an interrupt comes when the wires have moved
                 self.time += self._period
+            if self._some_step_too_long:
+                too_long = self.library.too_long_step[self.lane_scenario]
+                self.readout[ROW.unconverged, : self.num_envs] += self.library.substeps * too_long
 
     def refresh(self, lanes: np.ndarray) -> None:
         """Bring the readout of `lanes` (n,) up to date with their state, goals and parameters."""
@@ -317,6 +326,10 @@ class Simulator(Observed):
     # --- inside -----------------------------------------------------------------------------------------------------
 
     def _fits(self, state: SimulatorState) -> None:
+        for name in ("wire", "magnet", "time"):
+            array = getattr(state, name)
+            if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
+                raise ValueError(f"state.{name} must be an array of numbers, got {array!r:.80}")
         now = self.state(np.zeros(1, dtype=np.int64))
         wanted = (len(state), now.wire.shape[1])
         if state.wire.shape != wanted or state.magnet.shape != (len(state), self.dof):
@@ -335,11 +348,11 @@ class Simulator(Observed):
     def _checked_lanes(self, lanes: Any, name: str = "lanes") -> np.ndarray:
         """Whole numbers below `num_envs`: the kernels check no index, so every one that reaches them passes here."""
         array = np.atleast_1d(np.asarray(lanes))
-        if array.size == 0:
+        if array.shape == (0,):
             return array.astype(np.int64)
         if array.ndim != 1 or array.dtype.kind not in "iu":
             raise ValueError(f"{name} must be whole numbers (n,), got {lanes!r}")
-        if array.min() < 0 or array.max() >= self.num_envs:
+        if not array.size or array.min() < 0 or array.max() >= self.num_envs:
             raise ValueError(f"{name} must lie in [0, {self.num_envs - 1}], got {array.tolist()}")
         return array.astype(np.int64, copy=False)
 
@@ -365,6 +378,9 @@ class Simulator(Observed):
         return array
 
 
+FARTHEST_PLACE = 1e3
+"""m, along a tract or its straight extensions."""
+
 FARTHEST_SETTING = 1e6
 """rad, m or A. From farther round, an angle's sine would be lost in rounding."""
 
@@ -372,6 +388,11 @@ _TRIED = (
     ROW.travelled, ROW.remaining, ROW.speed, ROW.drive, ROW.lateral, ROW.torque, ROW.wall, ROW.unconverged,
 )  # fmt: skip
 """Rows of the readout that `Trajectories` has, in its order."""
+
+
+def _check_places(places: Places, name: str) -> None:
+    if places.s.size and not np.abs(places.s).max() <= FARTHEST_PLACE:
+        raise ValueError(f"{name} must lie within ±{FARTHEST_PLACE:g} m, got {places.s[np.abs(places.s).argmax()]:g}")
 
 
 def _numbers(name: str, value: Any, shape: tuple[int, ...], unit: str) -> np.ndarray:

@@ -106,7 +106,10 @@ _RAISING = [int(getattr(signal, name)) for name in ("SIGINT", "SIGTERM", "SIGALR
 
 
 def cores() -> int:
-    """Cores this process may use."""
+    """Cores this process may use; ``MAGWIRE_THREADS`` in the environment says how many."""
+    told = os.environ.get("MAGWIRE_THREADS", "")
+    if told.isdecimal() and int(told) > 0:
+        return int(told)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

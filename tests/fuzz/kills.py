@@ -232,7 +232,8 @@ def records(out: Path) -> dict[str, Any]:
     found = {}
     for path in sorted(out.glob("*/*.json")):
         record = json.loads(path.read_text())
-        record.pop("seconds"), record.pop("resumed", None)
+        for name in ("seconds", "resumed", "made_by"):
+            record.pop(name, None)
         if "curve" in record:
             record["curve"] = [[v for i, v in enumerate(r.split(",")) if i != 1] for r in record["curve"].split()]
         found[str(path.relative_to(out))] = record

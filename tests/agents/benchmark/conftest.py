@@ -34,7 +34,7 @@ def _episodes(policy: str, slower: float, tracking: bool, failures: int = 0) -> 
     fields["success"] = np.isfinite(fields["time"])
     fields["rms_error"] = 1e-3 * slower * np.ones(N) if tracking else np.full(N, np.nan)
     fields["path_ratio"] = np.full(N, np.nan) if tracking else np.ones(N)
-    fields["steps"] = np.full(N, 75)
+    fields["steps"], fields["unconverged"] = np.full(N, 75), np.zeros(N, dtype=np.int64)
     return Episodes(policy, **fields)
 
 

@@ -13,6 +13,7 @@ from agents.catalogue import CONTROLLERS
 from agents.controllers import MaxForce, NetForce
 from agents.evaluation.episodes import EVALUATION_SEED
 from agents.evaluation.evaluator import Episodes, evaluate, make_batch, paired_ratio, table
+from magwire_env import Scenario
 from magwire_env.quasistatic.pool import scenario_pool
 
 ID = "MagWire/Steer-v0"
@@ -128,3 +129,20 @@ def test_the_interval_brackets_the_median_and_the_table_shows_all(rows):
     assert len(text.splitlines()) == 2 + len(rows)
     assert "| MaxForce | 100.0% |" in text
     assert rows["ConstantRotation"].to_json()["episodes"]["time"].count(None) > 10
+
+
+def test_steps_that_are_not_to_be_trusted_are_said():
+    """One substep of 0.3 s is too long for the wire; with its own choice of steps it is not."""
+    slow = Scenario.paper().replace(timing__control_period=0.3)
+    rough = slow.replace(timing__substeps=1)
+    assert rough.step_too_long
+    assert not slow.step_too_long
+    found = evaluate(MaxForce.from_env, ID, 4, scenario=rough, time_limit=3.0)
+    assert np.array_equal(found.unconverged, found.steps)
+    assert found.summary()["untrusted_episodes"] == 4
+    assert "MaxForce: 4 of 4 episodes have steps not to be trusted" in table([found])
+    back = Episodes.from_json(json.loads(json.dumps(found.to_json())))
+    assert np.array_equal(back.unconverged, found.unconverged)
+    fine = evaluate(MaxForce.from_env, ID, 4, scenario=slow, time_limit=3.0)
+    assert not fine.unconverged.any()
+    assert "trusted" not in table([fine])

@@ -1,0 +1,91 @@
+"""The fuzzers at a small size, the bounds-checked build, and the page that tells of them."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from magwire_env.physics import ranges
+
+from . import calls, files, scenarios, steps
+
+DOC = Path(__file__).parents[2] / "docs" / "reliability.md"
+
+
+def test_steps_in_registered_tasks_and_random_scenarios():
+    seen = steps.fuzz(20_000, seed=11, lanes=64, spreads=("near", "far"), show=False)
+    assert seen["lane steps"] >= 20_000
+    assert seen["batches"] >= 2
+
+
+@pytest.mark.parametrize("spread", scenarios.SPREADS)
+def test_random_scenarios_are_accepted_often_enough(spread):
+    rng = np.random.default_rng(0)
+    found, refused = scenarios.batch(rng, spread, 3, scenarios.layout(rng))
+    assert len({scenario.substeps for scenario in found}) == 1
+    assert refused < 400
+
+
+def test_calls():
+    seen = calls.fuzz(300, seed=5)
+    assert {name.split()[0] for name in seen} == {call.__name__ for call in calls.CALLS}
+
+
+@pytest.mark.parametrize("kind", ["scenario", "policy", "run", "plan"])
+def test_mutated_files(kind, tmp_path):
+    seen = files.fuzz(kind, 60, seed=2, folder=tmp_path)
+    assert seen.total() == 60
+
+
+CHECKED = """
+import numpy as np
+from numba import njit
+from magwire_env.simulation import lanes
+
+@njit
+def loaded(a, i): return lanes.anywhere(lanes.load(a, i) > 0.0)
+@njit
+def stored(a, i): lanes.store(a, i, 1.0)
+@njit
+def gathered(t, x, k): return lanes.anywhere(lanes.gather(t, lanes.spread(x), k) > 0.0)
+@njit
+def rowed(a, i): return lanes.row(a, i)[0]
+@njit
+def parted(a, i, n): return lanes.part(a, i, n)[0]
+
+a, b, t = np.zeros((3, lanes.LANES)), np.zeros((3, 4)), np.zeros(40)
+for function, good, bad in (
+    (loaded, (a, 2), [(a, 3), (a, -1)]), (stored, (a, 2), [(a, 3), (a, -1)]),
+    (gathered, (t, 39.0, 0), [(t, 40.0, 0), (t, -1.0, 0), (t, 0.0, 40)]), (rowed, (b, 2), [(b, 3), (b, -1)]),
+    (parted, (t, 30, 10), [(t, 31, 10), (t, -1, 2), (t, 5, -1)]),
+):
+    function(*good)
+    for arguments in bad:
+        try:
+            function(*arguments)
+        except IndexError as error:
+            print(error)
+        else:
+            print("missed", function.__name__, arguments[1:])
+"""
+
+
+def test_the_bounds_checked_build_checks_loads_stores_and_gathers():
+    done = subprocess.run(
+        [sys.executable, "-c", CHECKED], env=os.environ | {"NUMBA_BOUNDSCHECK": "1"}, capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    said = done.stdout.splitlines()
+    assert len(said) == 12
+    assert all(re.fullmatch(r"a (load|store|gather|row|part) outside of an array", line) for line in said)
+
+
+def test_the_page_has_the_ranges_as_they_are():
+    text = DOC.read_text(encoding="utf-8")
+    assert text.partition("<!-- ranges:begin -->\n")[2].partition("\n<!-- ranges:end -->")[0] == ranges.table()
