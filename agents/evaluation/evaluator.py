@@ -219,18 +219,20 @@ def table(rows: list[Episodes], reference: str = "MaxForce", par: Episodes | Non
     if markdown:
         head = [column.head for column in columns]
         parts = [head, ["---"] * len(head), *lines]
-        return "\n".join(["| " + " | ".join(cells) + " |" for cells in parts] + _untrusted(rows))
+        text = "\n".join("| " + " | ".join(cells) + " |" for cells in parts)
+        return "\n".join([text, *_untrusted(rows)])
     text = format_table(tuple(column.short for column in columns), lines)
     meaning = "; ".join(f"{c.short}: {c.head}" for c in columns if c.short != c.head)
-    return "\n".join([f"{text}\n\n{fill(meaning, 118)}", *_untrusted(rows)])
+    return "\n".join([text, "", fill(meaning, 118), *_untrusted(rows)])
 
 
 def _untrusted(rows: list[Episodes]) -> list[str]:
-    """Lines on the policies some of whose episodes have steps that are not to be trusted."""
+    """Lines that say which policies' episodes have steps not to be trusted."""
     lines = []
     for row in rows:
-        if count := int((row.unconverged > 0).sum()):
-            said = f"{row.policy}: {count} of {len(row.success)} episodes have steps not to be trusted, in which "
+        untrusted = int((row.unconverged > 0).sum())
+        if untrusted:
+            said = f"{row.policy}: {untrusted} of {len(row.success)} episodes have steps not to be trusted, in which "
             lines += ["", said + "friction did not converge, nodes passed each other, or the step was too long."]
     return lines
 
