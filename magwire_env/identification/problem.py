@@ -22,13 +22,14 @@ class Problem:
     """Unknowns x: the parameters as they are searched, then where each episode's tip starts (m).
 
     noise : (kinds,) standard deviation of each kind of measurement
+    horizon : rows of each episode that count; others have residuals of zero
     low, high : of x
     """
 
     def __init__(self, predictor: Predictor, spans: Sequence[tuple[float, float]], noise: np.ndarray) -> None:
         parameters, starts = predictor.parameters, predictor.starts
         self.predictor, self.parameters, self.noise = predictor, parameters, np.asarray(noise, dtype=float)
-        self.count = len(parameters)
+        self.count, self.horizon = len(parameters), predictor.rows
         ends = np.array([[p.to_search(v) for v in span] for p, span in zip(parameters, spans, strict=True)])
         self.low = np.concatenate([ends[:, 0], starts - _START_REACH])
         self.high = np.concatenate([ends[:, 1], starts + _START_REACH])
@@ -50,8 +51,11 @@ class Problem:
 
     def residuals(self, xs: np.ndarray) -> np.ndarray:
         """(K, M) predicted less measured, in standard deviations of the noise."""
-        gaps = (self.predicted(xs) - self.predictor.measured) / self.noise[self.predictor.kinds]
-        return np.where(np.isfinite(gaps), np.clip(gaps, -_FAR, _FAR), _FAR)
+        predictor = self.predictor
+        predicted = predictor(self.values(xs), xs[:, self.count :], self.horizon)
+        gaps = (predicted - predictor.measured) / self.noise[predictor.kinds]
+        gaps = np.where(np.isfinite(gaps), np.clip(gaps, -_FAR, _FAR), _FAR)
+        return np.where(predictor.row_of < self.horizon, gaps, 0.0)
 
     def jacobian(self, x: np.ndarray, free: np.ndarray) -> np.ndarray:
         """(M, free) derivatives of the residuals by the unknowns numbered `free`, in one batch: central differences,

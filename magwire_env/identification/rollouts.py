@@ -22,7 +22,8 @@ class Predictor:
     columns : which of the log's columns are predicted
     kinds : (M,) for each measurement the number of its kind in `kind_names`
     measured : (M,) the measurements, column by column within an episode, episode by episode
-    times, column_of : (M,) s, and the number of its column
+    times, column_of, row_of : (M,) s, the number of its column, and of its row in the episode
+    rows : of the longest episode
     starts : (E,) m, where the tips seem to lie at first
     substeps : integration steps in a control period, the same for all parameter sets, so that predictions change
         smoothly with them
@@ -42,8 +43,8 @@ class Predictor:
         self.log, self.parameters, self.columns, self.substeps = log, tuple(parameters), tuple(columns), substeps
         self._threads = threads
         self.starts = np.array([start_of(ep, scenario, i) for i, ep in enumerate(log.episodes)])
-        self._steps = max(len(ep) for ep in log.episodes)
-        self._commands = np.stack([_padded(ep.commands, self._steps) for ep in log.episodes])
+        self.rows = max(len(ep) for ep in log.episodes)
+        self._commands = np.stack([_padded(ep.commands, self.rows) for ep in log.episodes])
         library = Library([self.scenario])
         self._rig = np.stack([library.home[0] if ep.rig is None else ep.rig for ep in log.episodes])
         self._turns = library.is_turn.astype(float)
@@ -63,7 +64,7 @@ class Predictor:
                     strict=True,
                 ):
                     part.append(values)  # fmt: skip
-        self._episode_of, self.column_of, self._row_of, self.measured, self.times = map(np.concatenate, lists)
+        self._episode_of, self.column_of, self.row_of, self.measured, self.times = map(np.concatenate, lists)
         names = [MEASURED[name].kind for name in self.columns]
         self.kind_names = tuple(dict.fromkeys(names))
         self.kinds = np.array([self.kind_names.index(k) for k in names])[self.column_of]
@@ -75,11 +76,12 @@ class Predictor:
             found = parameter.put(found, float(value))
         return found
 
-    def __call__(self, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    def __call__(self, values: np.ndarray, starts: np.ndarray, rows: int | None = None) -> np.ndarray:
         """Predicted measurements (K, M) of K parameter sets.
 
         values : (K, p); a set that the scenario refuses gives NaN
         starts : (K, E) m, where the tips lie at first
+        rows : how many rows of each episode are replayed, by default all; later ones give NaN
         """
         sets, found = len(values), np.full((len(values), len(self.measured)), np.nan)
         scenarios: list[Scenario] = []
@@ -93,7 +95,8 @@ class Predictor:
         at_once = max(1, _LANES_AT_ONCE // len(self.log.episodes))
         for first in range(0, len(possible), at_once):
             part = possible[first : first + at_once]
-            found[part] = self._replayed(scenarios[first : first + at_once], self._offsets(values[part]), starts[part])
+            some = scenarios[first : first + at_once]
+            found[part] = self._replayed(some, self._offsets(values[part]), starts[part], rows or self.rows)
         return found
 
     def _offsets(self, values: np.ndarray) -> np.ndarray:
@@ -104,7 +107,7 @@ class Predictor:
                 offset += values[:, i]
         return offset
 
-    def _replayed(self, scenarios: list[Scenario], offsets: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    def _replayed(self, scenarios: list[Scenario], offsets: np.ndarray, starts: np.ndarray, rows: int) -> np.ndarray:
         episodes = len(self.log.episodes)
         unique = list(dict.fromkeys(scenarios))
         number = {sc: i for i, sc in enumerate(unique)}
@@ -113,14 +116,14 @@ class Predictor:
         more = np.repeat(offsets, episodes)[:, None] * self._turns
         commands = np.tile(self._commands, (len(scenarios), 1, 1)) + more[:, None]
         sim.reset(tip_arclength=starts.reshape(-1), magnet=np.tile(self._rig, (len(scenarios), 1)) + more)
-        seen = np.empty((self._steps, len(self.columns), len(entries)))
-        for k in range(self._steps):
+        seen = np.full((self.rows, len(self.columns), len(entries)), np.nan)
+        for k in range(rows):
             for c, name in enumerate(self.columns):
                 seen[k, c] = MEASURED[name].of(sim)
-            if k + 1 < self._steps:
+            if k + 1 < rows:
                 sim.step(commands[:, k])
         lanes = np.arange(len(scenarios))[:, None] * episodes + self._episode_of
-        return seen[self._row_of, self.column_of, lanes]
+        return seen[self.row_of, self.column_of, lanes]
 
 
 def _padded(commands: np.ndarray, steps: int) -> np.ndarray:

@@ -39,6 +39,7 @@ class Row:
     tolerance : largest relative error allowed; not used with a bound
     bound : "" if `ours` should equal `expected`; "≤" or "≥" if `expected` only bounds it
     skipped : why there is no `ours`
+    published : a bound is a figure of others
     """
 
     quantity: str
@@ -49,6 +50,7 @@ class Row:
     tolerance: float = 0.0
     bound: str = ""
     skipped: str = ""
+    published: bool = False
 
     @property
     def error(self) -> float:
@@ -73,9 +75,9 @@ class Row:
         return "skipped" if self.skipped else "holds" if self.holds else "FAILS"
 
     def cells(self) -> tuple[str, ...]:
-        """The row as the table prints it. A bound other than 0 is a threshold of ours, and is named so."""
+        """The row as the table prints it. A bound of ours other than 0 is named so."""
         unit = f" {self.unit}" if self.unit else ""
-        ours_alone = " (ours)" if self.bound and self.expected != 0.0 else ""
+        ours_alone = " (ours)" if self.bound and self.expected != 0.0 and not self.published else ""
         expected = f"{self.bound} {_number(self.expected)}{unit}{ours_alone}".strip()
         ours = self.skipped or f"{_number(self.ours)}{unit}"
         error = "" if math.isnan(self.error) else f"{self.error:.1e} (≤ {self.tolerance:.0e})"

@@ -1,12 +1,13 @@
 """E2: the measured tip of a magnetic continuum robot in the open, against a rod with two ring magnets.
 
 Dreyfus, Boehler, Nelson, RA-L 2022 (doi 10.1109/LRA.2022.3187249) filmed a tube with a soft end and two rings, pushed
-through a sheath and turned by a uniform field, and ran SOFA on the same commands. Lengths and fields are not in the data,
-so each pose (x, y, angle) leaves one number to judge after the inserted length and the field's angle have been fitted.
+through a sheath and turned by a uniform field, and ran SOFA on the same commands. Lengths and fields are not in the
+data, so each pose (x, y, angle) leaves one number to judge after the inserted length and the field's angle have been
+fitted.
 
 In a uniform field the rings feel couples and no forces, so the rod's curvature is constant between them: an equilibrium
-of the free rod in the plane is a row of circular arcs, and only the angles of the two rings are unknown. Their energy is
-minimised by Newton's method while the field grows from zero; what ends on a saddle does not count.
+of the free rod in the plane is a row of circular arcs, and only the angles of the two rings are unknown. Newton's
+method follows them while the field grows from zero; what is no minimum of the energy does not count.
 """
 
 from __future__ import annotations
@@ -19,8 +20,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ...plotting import BLUE, GREY, ORANGE, blank, styled
-from ..report import at_most
-from .report import Outcome, rows_of_file
+from .report import Outcome, published, rows_of_file
 
 __all__ = ["Setting", "fitted_poses", "fitted_setting", "rod", "run"]
 
@@ -153,21 +153,21 @@ def run(file: Path) -> Outcome:
     best, gaps = fitted_poses(poses, setting)
     place, turn = np.hypot(gaps[:, 0], gaps[:, 1]), np.abs(gaps[:, 2])
     source = "SOFA on the commands, by its authors"
+    angle, sofa_angle = math.degrees(float(turn.mean())), math.degrees(SOFA[1])
     rows = (
-        at_most("open run: mean distance of the tip", "mm", 1e3 * SOFA[0], source, 1e3 * float(place.mean())),
-        at_most("open run: mean error of the tip's angle", "°", math.degrees(SOFA[1]), source,
-                math.degrees(float(turn.mean()))),
-    )  # fmt: skip
-    others = poses[1::2], gaps[1::2]
-    held = float(np.hypot(others[1][:, 0], others[1][:, 1]).mean())
+        published("≤", "open run: mean distance of the tip", "mm", 1e3 * SOFA[0], source, 1e3 * float(place.mean())),
+        published("≤", "open run: mean error of the tip's angle", "°", sofa_angle, source, angle),
+    )
+    held = float(place[1::2].mean())
+    end = f"({1e3 * setting.x:.3g}, {1e3 * setting.y:.3g}) mm"
     return Outcome(
         rows,
-        f"of all poses: field {1e3 * setting.field:.3g} mT, sheath's end ({1e3 * setting.x:.3g}, {1e3 * setting.y:.3g}) "
-        f"mm, its heading {math.degrees(setting.heading):.2g}°; of each pose: inserted length and the field's angle",
-        f"SOFA had no free parameter a pose, so the two are not alike: of three numbers a pose, two are fitted here. The "
-        f"{len(others[0])} poses that did not fit the setting are off by {1e3 * held:.2f} mm in the mean; the worst of "
-        f"all by {1e3 * place.max():.1f} mm and {math.degrees(turn.max()):.1f}°. The runs among vessels and circles are "
-        "left out: their walls are not in the data.",
+        f"of all poses: field {1e3 * setting.field:.3g} mT, sheath's end {end}, its heading "
+        f"{math.degrees(setting.heading):.2g}°; of each pose: inserted length and the field's angle",
+        "SOFA had no free parameter a pose, so the two are not alike: two of three numbers a pose are fitted here. The "
+        f"{len(place[1::2])} poses that did not fit the setting are off by {1e3 * held:.2f} mm in the mean, the worst "
+        f"of all by {1e3 * place.max():.1f} mm and {math.degrees(turn.max()):.1f}°. The runs among vessels and circles "
+        "are left out: their walls are not in the data.",
         {
             "x_m": poses[:, 0], "y_m": poses[:, 1], "angle_rad": poses[:, 2], "x_gap_m": gaps[:, 0],
             "y_gap_m": gaps[:, 1], "angle_gap_rad": gaps[:, 2], "length_m": best[:, 0], "field_angle_rad": best[:, 1],

@@ -22,8 +22,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar, root
 
 from ...plotting import BLACK, BLUE, GREY, blank, styled
-from ..report import at_least, at_most
-from .report import Outcome, rows_of_file
+from .report import Outcome, published, rows_of_file
 
 __all__ = ["WIRES", "Loop", "Wire", "hanging_loop", "run"]
 
@@ -142,10 +141,12 @@ def run(file: Path) -> Outcome:
         ours = _at(loop, s)
         gap = float(np.linalg.norm(ours - measured, axis=1).mean())
         low, high = 1e5 * (wire.bending - wire.deviation), 1e5 * (wire.bending + wire.deviation)
-        source = "heavy elastica, by others"
-        table.append(at_most(f"{name}: mean distance from the mean shape", "mm", 1e3 * wire.bar, source, 1e3 * gap))
-        table.append(at_least(f"{name}: E I", "1e-5 N·m²", low, f"{1e5 * wire.bending:.3g} by others", 1e5 * bending))
-        table.append(at_most(f"{name}: E I", "1e-5 N·m²", high, f"{1e5 * wire.bending:.3g} by others", 1e5 * bending))
+        source, theirs = "heavy elastica, by others", f"{1e5 * wire.bending:.3g} by others"
+        table += [
+            published("≤", f"{name}: mean distance from the mean shape", "mm", 1e3 * wire.bar, source, 1e3 * gap),
+            published("≥", f"{name}: E I", "1e-5 N·m²", low, theirs, 1e5 * bending),
+            published("≤", f"{name}: E I", "1e-5 N·m²", high, theirs, 1e5 * bending),
+        ]
         shapes[name], bendings[name] = (loop.points, measured), bending
         for k in range(len(s)):
             cells = [name, s[k], *measured[k], *ours[k]]

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..report import Row, table
 
-__all__ = ["Experiment", "Outcome", "rows_of_file"]
+__all__ = ["Experiment", "Outcome", "published", "rows_of_file"]
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,11 @@ class Experiment:
         if not file.is_file():
             raise FileNotFoundError(f"{file} is missing: the experiment {self.name!r} reads {self.data}, {self.source}")
         return self.run(file)
+
+
+def published(bound: str, quantity: str, unit: str, value: float, source: str, ours: float) -> Row:
+    """A row that holds if `ours` is on the right side, "≤" or "≥", of a figure of others."""
+    return Row(quantity, unit, value, source, ours, bound=bound, published=True)
 
 
 def rows_of_file(file: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
