@@ -94,7 +94,9 @@ def main() -> None:
         print(f"{b.name:6s} {1e3 * b.length:6.1f} mm long, radius {1e3 * np.median(b.radius(np.linspace(0, b.length, 50))):5.2f} mm: "
               f"median {np.median(d):5.2f}, 95 % {np.quantile(d, 0.95):5.2f}, most {d.max():5.2f} mm at {(1e3 * where).round(1)}")  # fmt: skip
     whole = 1e3 * np.concatenate(list(found.values()))
-    print(f"all: median {np.median(whole):.2f} mm, 95 % {np.quantile(whole, 0.95):.2f}, within 2 mm {100 * (whole < 2).mean():.1f} %")
+    print(
+        f"all: median {np.median(whole):.2f} mm, 95 % {np.quantile(whole, 0.95):.2f}, within 2 mm {100 * (whole < 2).mean():.1f} %"
+    )
 
 
 if __name__ == "__main__":
