@@ -219,7 +219,8 @@ def _refuse_kink(path: Path, name: str, line: TreeLine) -> None:
     if turn.size and turn.max() > _SHARPEST_CORNER:
         at = line.points[int(turn.argmax()) + 1]
         raise ValueError(
-            f"{path} branch {name!r} has a kink of {math.degrees(turn.max()):.0f}° at ({at[0]:.6g}, {at[1]:.6g}, {at[2]:.6g}); "
+            f"{path} branch {name!r} has a kink of {math.degrees(turn.max()):.0f}° at ({at[0]:.6g}, {at[1]:.6g}, "
+            f"{at[2]:.6g}); "
             f"at most {math.degrees(_SHARPEST_CORNER):.0f}° is allowed: give more points round the bend"
         )
 

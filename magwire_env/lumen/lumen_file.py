@@ -75,7 +75,8 @@ def load_lumen(path: str | Path) -> Lumen:
             about = json.loads(_member(path, archive, "lumen.json"))
             if not isinstance(about, dict) or about.get("format") != FORMAT:
                 raise ValueError(
-                    f"{path} must be of format {FORMAT}, got {about.get('format') if isinstance(about, dict) else about!r}"
+                    f"{path} must be of format {FORMAT}, got "
+                    f"{about.get('format') if isinstance(about, dict) else about!r}"
                 )
             arrays = {n: _array(path, archive, n) for n in _ARRAYS if n + ".npy" in names}
         wall: Any = None

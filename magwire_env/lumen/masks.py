@@ -130,7 +130,8 @@ def _one_piece(path: str, inside: np.ndarray, volume: Volume, notes: list[str], 
     large = np.flatnonzero(sizes >= _SPECK * sizes.max()) + 1
     if count > len(large):
         notes.append(
-            f"{count - len(large)} small separate pieces, {int(sizes.sum() - sizes[large - 1].sum())} voxels, are dropped"
+            f"{count - len(large)} small separate pieces, {int(sizes.sum() - sizes[large - 1].sum())} voxels, are "
+            f"dropped"
         )
     if len(large) > 1:
         found = ndimage.find_objects(label)

@@ -161,7 +161,8 @@ def _one_piece(
         if near is None:
             shown = "; ".join(f"{len(m) // 3} faces about {_at(m.mean(axis=0))}" for m in middles[:6])
             raise told.refuse(
-                f"holds {len(large)} separate pieces of similar size ({shown}); join them, or choose one with inlet=(x, y, z)"
+                f"holds {len(large)} separate pieces of similar size ({shown}); join them, or choose one with "
+                f"inlet=(x, y, z)"
             )
         apart = [np.linalg.norm(m - near, axis=1).min() for m in middles]
         large = large[[int(np.argmin(apart))]]
@@ -273,7 +274,8 @@ def _refuse_crossings(told: _Told, vertices: np.ndarray, faces: np.ndarray) -> N
     if len(pairs):
         where = vertices[faces[pairs[0, 0]]].mean(axis=0)
         raise told.refuse(
-            f"crosses itself: {len(np.unique(pairs))} of its {len(faces)} faces cut others, the first at {_at(where)}, so "
+            f"crosses itself: {len(np.unique(pairs))} of its {len(faces)} faces cut others, the first at "
+            f"{_at(where)}, so "
             "that walls stand inside the lumen; join its parts (a boolean union, or a remesh) in a mesh editor"
         )
 

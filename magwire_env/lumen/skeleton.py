@@ -7,6 +7,7 @@ extremities that stick out of the tree's balls by more than a radius.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -45,7 +46,7 @@ Progress = Callable[[float, str], None]
 
 @dataclass
 class _Graph:
-    """The balls that fit in: centres (n, 3), radii (n,), and which overlap their neighbours, (n, n) by length and cost."""
+    """The balls that fit in: centres (n, 3), radii (n,), and which overlap which, (n, n) by length and cost."""
 
     centres: np.ndarray
     radii: np.ndarray
@@ -234,13 +235,15 @@ def _root(
         ball = int((near - graph.radii).argmin())
         if not surface.inside(inlet[None])[0] and gap > 2 * graph.radii[ball]:
             raise ValueError(
-                f"inlet must be a point at an end of the lumen, in the file's coordinates, got {shown(*inlet)}, {gap:.4g} outside it"
+                f"inlet must be a point at an end of the lumen, in the file's coordinates, got {shown(*inlet)}, "
+                f"{gap:.4g} outside it"
             )
         return _tip(graph, ball, inlet), -1
     if openings:
         at = int(np.argmax([o.radius for o in openings]))
         notes.append(
-            f"the inlet is taken to be the widest open end, at {shown(*openings[at].centre)}; inlet=(x, y, z) chooses another"
+            f"the inlet is taken to be the widest open end, at {shown(*openings[at].centre)}; inlet=(x, y, z) "
+            f"chooses another"
         )
         return goals[at], at
     start = int(graph.radii.argmax())
@@ -254,7 +257,8 @@ def _root(
     ends = [way[_end_of(graph, way[: max(3, len(way) // 4)])] for way in ways]
     at = ends[int(np.argmax(graph.radii[ends]))]
     notes.append(
-        f"the inlet is taken to be the wider of the two farthest ends, at {shown(*graph.centres[at])}; inlet=(x, y, z) chooses another"
+        f"the inlet is taken to be the wider of the two farthest ends, at {shown(*graph.centres[at])}; inlet=(x, "
+        f"y, z) chooses another"
     )
     return at, -1
 
@@ -281,7 +285,8 @@ def _tree(
     if lost:
         where = graph.centres[lost[0]]
         raise ValueError(
-            f"the open end at ({where[0]:.6g}, {where[1]:.6g}, {where[2]:.6g}) cannot be reached from the inlet: the lumen is "
+            f"the open end at ({where[0]:.6g}, {where[1]:.6g}, {where[2]:.6g}) cannot be reached from the inlet: "
+            f"the lumen is "
             "closed between them, or narrower than its triangles"
         )
     owner = np.full(len(graph.centres), -1)
@@ -336,7 +341,7 @@ def _wider_goes_on(graph: _Graph, paths: list[list[int]]) -> list[tuple[list[int
     ahead: dict[int, list[int]] = {}
     path_of: dict[tuple[int, int], tuple[int, int]] = {}
     for k, path in enumerate(paths):
-        for i, (a, b) in enumerate(zip(path[:-1], path[1:], strict=True)):
+        for i, (a, b) in enumerate(itertools.pairwise(path)):
             ahead.setdefault(a, []).append(b)
             path_of[a, b] = (k, i)
     lines: list[tuple[list[int], int]] = []

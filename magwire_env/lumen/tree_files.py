@@ -1,4 +1,4 @@
-"""Centrelines and trees from other tools' files, every line of them: points, radii and names, in the file's own unit."""
+"""Centrelines and trees from other tools' files, every line of them: points, radii, names, in the file's own unit."""
 
 from __future__ import annotations
 

@@ -26,7 +26,8 @@ def settled_unit(path: str, declared: str, given: str | None, size: float, radiu
         raise ValueError(f"unit must be one of {', '.join(map(repr, UNITS))}, got {given!r}")
     if declared and given and declared != given:
         raise ValueError(
-            f"{path} declares its coordinates in {declared!r}, but unit={given!r} was passed; leave unit out, or mend the file"
+            f"{path} declares its coordinates in {declared!r}, but unit={given!r} was passed; leave unit out, or "
+            f"mend the file"
         )
     if not (np.isfinite(size) and np.isfinite(radius)):
         raise ValueError(f"{path} must have a finite size, got {size} with radius {radius}")
@@ -35,7 +36,8 @@ def settled_unit(path: str, declared: str, given: str | None, size: float, radiu
         scale = UNITS[unit]
         if not _SURELY[0] <= radius * scale <= _SURELY[1] or not 5e-3 <= size * scale <= 5.0:
             notes.append(
-                f"in {unit} this is a lumen {_length(size * scale)} long with a typical radius of {_length(radius * scale)}: is the unit right?"
+                f"in {unit} this is a lumen {_length(size * scale)} long with a typical radius of "
+                f"{_length(radius * scale)}: is the unit right?"
             )
         return scale
     typical = [

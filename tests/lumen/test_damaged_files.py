@@ -121,7 +121,8 @@ def of_vtp(good):
     packed = struct.pack("<4I", 1, 24, 0, len(bomb)) + bomb
     head = (
         b'<VTKFile type="PolyData" byte_order="LittleEndian" compressor="vtkZLibDataCompressor"><PolyData>'
-        b'<Piece NumberOfPoints="1"><Points><DataArray type="Float64" NumberOfComponents="3" format="appended" offset="0"/>'
+        b'<Piece NumberOfPoints="1"><Points><DataArray type="Float64" NumberOfComponents="3" format="appended" '
+        b'offset="0"/>'
         b'</Points></Piece></PolyData><AppendedData encoding="raw">_'
     )
     return {
@@ -307,7 +308,8 @@ def of_lumen(good):
 
 
 SPECIAL = {
-    "binary.stl": of_stl_binary, "ascii.stl": of_stl_ascii, "fork.obj": of_obj, "ascii.ply": of_ply, "binary.ply": of_ply,
+    "binary.stl": of_stl_binary, "ascii.stl": of_stl_ascii, "fork.obj": of_obj,
+    "ascii.ply": of_ply, "binary.ply": of_ply,
     "old_ascii.vtk": of_vtk, "old_binary.vtk": of_vtk, "new_ascii.vtk": of_vtk, "new_binary.vtk": of_vtk,
     "ascii.vtp": of_vtp_ascii, "inline.vtp": of_vtp, "mask.nii": of_nifti, "packed.nii.gz": of_nifti_packed,
     "mask.mha": of_mha, "packed.mha": of_mha_packed, "mask.nrrd": of_nrrd, "packed.nrrd": of_nrrd_packed,
@@ -352,13 +354,13 @@ def test_damaged_files_get_a_sentence_and_no_more(tmp_path, name, monkeypatch):
         path = tmp_path / name
         path.write_bytes(data)
         tracemalloc.start()
+        said = None
         try:
             lumen = Lumen.load(
                 path, inlet=(0, 0, 0), radius=4e-3 if name == "path.pth" else None, cache=False, progress=False
             )
         except ValueError as error:
-            assert name in str(error), (what, str(error))
-            assert len(str(error)) < 1000
+            said = str(error)
         except Exception as error:
             pytest.fail(f"{what}: {type(error).__name__}: {error}")
         else:
@@ -367,4 +369,5 @@ def test_damaged_files_get_a_sentence_and_no_more(tmp_path, name, monkeypatch):
         finally:
             peak = tracemalloc.get_traced_memory()[1]
             tracemalloc.stop()
+        assert said is None or (name in said and len(said) < 1000), (what, said)
         assert peak < MOST_MEMORY + 3 * len(data), f"{what}: {peak / 1e6:.0f} MB"

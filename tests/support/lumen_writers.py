@@ -93,7 +93,8 @@ def ply_binary(vertices, faces):
 
 def ply_head(form, vertices, faces):
     return (
-        f"ply\nformat {form} 1.0\nelement vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
+        f"ply\nformat {form} 1.0\nelement vertex {len(vertices)}\n"
+        "property float x\nproperty float y\nproperty float z\n"
         f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     ).encode()
 
@@ -161,7 +162,8 @@ def vtp(points, lines=(), faces=None, point_data=None, cell_data=None, form="asc
         + "</Polys>"
     )
     more = ' compressor="vtkZLibDataCompressor"' if packed else ""
-    text = f'<?xml version="1.0"?>\n<VTKFile type="PolyData" version="0.1" byte_order="LittleEndian"{more}><PolyData>{body}</Piece></PolyData>'
+    head = f'<?xml version="1.0"?>\n<VTKFile type="PolyData" version="0.1" byte_order="LittleEndian"{more}>'
+    text = f"{head}<PolyData>{body}</Piece></PolyData>"
     if form == "appended":
         return text.encode() + b'<AppendedData encoding="raw">_' + bytes(appended) + b"</AppendedData></VTKFile>"
     return (text + "</VTKFile>").encode()
@@ -194,8 +196,10 @@ def mha(values, affine, packed=False):
     turn = " ".join(f"{x:.9g}" for x in (affine[:3, :3] / spacing).T.ravel())
     head = (
         f"ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = {packed}\n"
-        f"TransformMatrix = {turn}\nOffset = {' '.join(map(str, affine[:3, 3]))}\nElementSpacing = {' '.join(map(str, spacing))}\n"
-        f"DimSize = {' '.join(map(str, values.shape))}\nElementType = {kinds[values.dtype.name]}\nElementDataFile = LOCAL\n"
+        f"TransformMatrix = {turn}\nOffset = {' '.join(map(str, affine[:3, 3]))}\n"
+        f"ElementSpacing = {' '.join(map(str, spacing))}\n"
+        f"DimSize = {' '.join(map(str, values.shape))}\n"
+        f"ElementType = {kinds[values.dtype.name]}\nElementDataFile = LOCAL\n"
     )
     raw = values.tobytes(order="F")
     return head.encode() + (zlib.compress(raw) if packed else raw)
@@ -206,8 +210,10 @@ def nrrd(values, affine, encoding="raw"):
     columns = " ".join("(" + ",".join(f"{x:.9g}" for x in affine[:3, i]) + ")" for i in range(3))
     head = (
         f"NRRD0004\ntype: {kinds[values.dtype.name]}\ndimension: 3\nspace: left-posterior-superior\n"
-        f"sizes: {' '.join(map(str, values.shape))}\nspace directions: {columns}\nkinds: domain domain domain\nendian: little\n"
-        f'encoding: {encoding}\nspace units: "mm" "mm" "mm"\nspace origin: ({",".join(f"{x:.9g}" for x in affine[:3, 3])})\n\n'
+        f"sizes: {' '.join(map(str, values.shape))}\nspace directions: {columns}\n"
+        "kinds: domain domain domain\nendian: little\n"
+        f'encoding: {encoding}\nspace units: "mm" "mm" "mm"\n'
+        f"space origin: ({','.join(f'{x:.9g}' for x in affine[:3, 3])})\n\n"
     )
     raw = values.tobytes(order="F")
     if encoding == "gzip":
@@ -242,7 +248,9 @@ def markups(lines, unit="mm", system="LPS"):
     for name, (points, radii) in lines.items():
         curves.append({
             "type": "Curve", "name": name, "coordinateSystem": system, "coordinateUnits": unit,
-            "controlPoints": [{"id": str(i), "position": p, "positionStatus": "defined"} for i, p in enumerate(points.tolist())],
+            "controlPoints": [
+                {"id": str(i), "position": p, "positionStatus": "defined"} for i, p in enumerate(points.tolist())
+            ],
             "measurements": [{"name": "Radius", "units": unit, "controlPointValues": radii.tolist()}],
         })  # fmt: skip
     return json.dumps({"markups": curves}).encode()
@@ -345,11 +353,13 @@ def surfaces():
     """Ending and bytes of every surface format."""
     v, f = mesh()
     return {
-        "ascii.stl": stl_ascii(v, f), "binary.stl": stl_binary(v, f), "fork.obj": obj(v, f), "ascii.ply": ply_ascii(v, f),
+        "ascii.stl": stl_ascii(v, f), "binary.stl": stl_binary(v, f), "fork.obj": obj(v, f),
+        "ascii.ply": ply_ascii(v, f),
         "binary.ply": ply_binary(v, f), "old_ascii.vtk": vtk_legacy(v, f), "old_binary.vtk": vtk_legacy(v, f, True),
         "new_ascii.vtk": vtk_legacy(v, f, False, "5.1"), "new_binary.vtk": vtk_legacy(v, f, True, "5.1"),
         "ascii.vtp": vtp(v, faces=f), "inline.vtp": vtp(v, faces=f, form="binary"),
-        "packed.vtp": vtp(v, faces=f, form="binary", packed=True), "appended.vtp": vtp(v, faces=f, form="appended", packed=True),
+        "packed.vtp": vtp(v, faces=f, form="binary", packed=True),
+        "appended.vtp": vtp(v, faces=f, form="appended", packed=True),
     }  # fmt: skip
 
 
@@ -397,7 +407,8 @@ def trees():
         np.concatenate([lines["trunk"][1], lines["left"][1][1:]]),
     )
     return {
-        "one.csv": csv(*whole), "fork.mrk.json": markups(lines), "whole.vtp": vmtk_whole(), "packed.vtp": vmtk_whole("binary", True),
+        "one.csv": csv(*whole), "fork.mrk.json": markups(lines), "whole.vtp": vmtk_whole(),
+        "packed.vtp": vmtk_whole("binary", True),
         "split.vtp": vmtk_split(), "fork.swc": swc(), "graph.json": json_graph(),
         "path.pth": simvascular_path(whole[0]), "rings.ctgr": simvascular_contours(*whole),
     }  # fmt: skip
