@@ -74,7 +74,8 @@ def _shifted(axis: int, scenario: Scenario, shift: float) -> Scenario:
             position = [x + shift * (i == axis) for i, x in enumerate(part.position)]
             moved.append(dataclasses.replace(part, position=tuple(position)))
         parts[kind] = tuple(moved)
-    return scenario.replace(rig=dataclasses.replace(scenario.rig, **parts))
+    rig = dataclasses.replace(scenario.rig, magnets=parts["magnets"], coils=parts["coils"])
+    return scenario.replace(rig=rig)
 
 
 def _shift(axis: str) -> Parameter:

@@ -197,7 +197,8 @@ def _from_lines(wish: _Wish, found: FoundLines) -> Lumen:
 def _branches(wish: _Wish, lines: list[TreeLine], scale: float) -> tuple[Branch, ...]:
     """The lines as branches, in m: each led to its parent's axis; kinks refused with their place."""
     taken = {line.name for line in lines if line.name}
-    names, made = [], []
+    names: list[str] = []
+    made: list[Any] = []
     for i, line in enumerate(lines):
         name = line.name or f"b{i}"
         while name in names or (not line.name and name in taken) or name == "inlet":

@@ -70,7 +70,7 @@ def fork(angle: float = 35.0, radius: float = 4e-3, length: float = 0.06) -> Lum
     radius, length = positive("radius", radius, "m"), positive("length", length, "m")
     small = 0.5 ** (1 / 3) * radius
     turn = np.deg2rad(angle)
-    lines = [("trunk", _line((0, 0, 0), (length, 0, 0)), radius, None)]
+    lines: list[tuple] = [("trunk", _line((0, 0, 0), (length, 0, 0)), radius, None)]
     for name, side in (("left", 1.0), ("right", -1.0)):
         end = (length * (1 + np.cos(turn)), side * length * np.sin(turn), 0.0)
         lines.append((name, _line((length, 0, 0), end), small, "trunk"))
@@ -127,7 +127,7 @@ def aortic_arch(kind: str = "I") -> Lumen:
     length_to = {name: arc[len(down)] + bend * (np.pi / 2 - angle) for name, angle in at.items()}
     stations = [0.0, length_to["LSA"] - 25, length_to["LSA"], length_to["LCCA"], length_to["BCT"], arc[-1]]
     radii = np.interp(arc, stations, np.array([23.9, 23.9, 25.3, 27.1, 28.6, 29.5]) / 2)
-    lines = [("aorta", 1e-3 * points, 1e-3 * radii, None)]
+    lines: list[tuple] = [("aorta", 1e-3 * points, 1e-3 * radii, None)]
 
     def leave(name: str, way: Sequence[Sequence[float]], diameters: Sequence[float]) -> np.ndarray:
         origin = arch(at[name])
@@ -165,10 +165,10 @@ def circle_of_willis() -> Lumen:
     siphon = [(-16.5, 101, 12), (-16.5, 105.5, 16), (-16, 107.5, 22), (-15, 110, 27.5), (-13.5, 115, 29),
               (-11.5, 119, 25), (-10, 121.5, 19.5), (-9, 125.5, 15.5), (-8.5, 131, 14.5)]  # fmt: skip
     across = [6.5, 6.5, 7.0, 7.6, 5.4, 5.1, 5.1, 5.1, 5.0, 5.0, 5.0, 5.0, 5.0, 4.9, 4.8, 4.6, 4.4, 4.2, 4.0, 3.8, 3.6]
-    lines = [("ICA", *_course(neck + petrous + siphon, across), None)]
+    lines: list[tuple] = [("ICA", *_course(neck + petrous + siphon, across), None)]
     end, bifurcation = np.array(siphon[-1], dtype=float), np.array(neck[2], dtype=float)
     com = np.array(siphon[-2], dtype=float)
-    grown = {
+    grown: dict[str, tuple] = {
         "ECA": ("ICA", bifurcation, [(-4, 10, 6), (-6, 25, 10), (-5, 45, 10), (-2, 65, 8)], (5.5, 5, 4.5, 4, 3.5)),
         "PCOM": ("ICA", com, [(0.5, 1, -4), (1, 1, -9), (0, 0.5, -13)], (1.6, 1.3, 1.22, 1.22)),
         "ACA": ("ICA", end, [(-4.5, 1.5, 3.5), (-9, 1.5, 6), (-12.5, 2.5, 7.5)], (2.4, 2.1, 2.09, 2.09)),
@@ -177,7 +177,7 @@ def circle_of_willis() -> Lumen:
     for name, (parent, start, way, diameters) in grown.items():
         lines.append((name, *_course([start, *(start + np.array(step) for step in way)], diameters), parent))
     a1, m1 = end + (-12.5, 2.5, 7.5), end + (21.5, 0, -1.5)
-    ways = {
+    ways: dict[str, tuple] = {
         "A2": ("ACA", a1, [(-1.5, 4, 3), (-2, 12, 7), (-2, 22, 6), (-2, 32, 0)], (2.0, 2.0, 1.9, 1.8, 1.7)),
         "M2 upper": ("MCA", m1, [(3, 4, 1), (5, 12, 0), (8, 22, -4)], (2.1, 2.0, 1.9, 1.8)),
         "M2 lower": ("MCA", m1, [(4, -1, -3), (7, 2, -10), (10, 8, -20)], (2.1, 2.0, 1.9, 1.8)),
@@ -226,7 +226,7 @@ LUMENS: dict[str, Callable[..., Lumen]] = {
 """Every named lumen by its name; each builds its own with the arguments it documents, all optional."""
 
 
-def _line(a: Sequence[float], b: Sequence[float], count: int = 9) -> np.ndarray:
+def _line(a: Sequence[float] | np.ndarray, b: Sequence[float] | np.ndarray, count: int = 9) -> np.ndarray:
     return np.linspace(np.asarray(a, dtype=float), np.asarray(b, dtype=float), count)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -110,7 +111,7 @@ def _add_piece(
     if points.size % 3:
         raise ValueError(f"{path} Points must hold three numbers a point, got {points.size} numbers")
     points, before = points.reshape(-1, 3), len(whole.points)
-    cells = {}
+    cells: dict[str, Any] = {}
     for what in ("Verts", "Lines", "Polys", "Strips"):
         if piece.find(what) is None or piece.find(f"{what}/DataArray") is None:
             cells[what] = []
@@ -273,11 +274,11 @@ class _Legacy:
             self.numbers(4 * int(words[2]), "unsigned_char" if self.binary else "float")
         elif key == "FIELD":
             for _ in range(int(words[2])):
-                name, parts, rows, kind = self.word_line()
+                name, parts, tuples, kind = self.word_line()
                 if kind.lower() == "string":
                     raise ValueError(f"{self.path} array {name!r} must hold numbers, got strings")
-                values = self.numbers(int(parts) * int(rows), kind)
-                if int(parts) == 1 and int(rows) == count:
+                values = self.numbers(int(parts) * int(tuples), kind)
+                if int(parts) == 1 and int(tuples) == count:
                     target[name] = values.astype(np.float64)
                 mark = self.at
                 if self.word_line()[:1] == ["METADATA"]:

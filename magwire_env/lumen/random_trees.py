@@ -131,7 +131,7 @@ def grow(seed: int, split: str = "train", kind: str = "vessels", bounds: TreeBou
     name = f"{kind} {split} {seed}"
     if kind == "bowel":
         return _bowel(draw, int(seed), split, name)
-    style = replace(_STYLES[kind], **(_ODD[kind] if split == "ood" else {}))
+    style = replace(_STYLES[kind], **(_ODD[kind] if split == "ood" else {}))  # type: ignore[arg-type]
     for _ in range(_TREES):
         tree = _Tree(draw, style, bounds)
         if tree.grown() and (lumen := tree.lumen(name)) is not None:
@@ -227,7 +227,8 @@ class _Tree:
 
     def _branches(self, pair: list[_Bud]) -> list[list[_Bud]] | None:
         """Grow the branches of one fork together; the forks at their ends, or None if there is no room."""
-        grown, sprouts = [], []
+        grown: list[Any] = []
+        sprouts: list[Any] = []
         for k, bud in enumerate(pair):
             name = f"b{len(self.lines) + k}"
             xyz, heading = self._course(bud)

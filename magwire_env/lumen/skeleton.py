@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
@@ -254,8 +255,8 @@ def _root(
     before = dijkstra(graph.costs, directed=False, indices=start, return_predecessors=True)[1]
     nobody = np.full(len(gaps), -1)
     ways = [_way_in(before, tip, nobody, start) for tip in (one, other)]
-    ends = [way[_end_of(graph, way[: max(3, len(way) // 4)])] for way in ways]
-    at = ends[int(np.argmax(graph.radii[ends]))]
+    far = [way[_end_of(graph, way[: max(3, len(way) // 4)])] for way in ways]
+    at = far[int(np.argmax(graph.radii[far]))]
     notes.append(
         f"the inlet is taken to be the wider of the two farthest ends, at {shown(*graph.centres[at])}; inlet=(x, "
         f"y, z) chooses another"
@@ -453,7 +454,8 @@ def _line(surface: Surface, graph: _Graph, path: list[int], parent: int, ends: d
     points = _smooth(points, radii, 1)
     blind_start, blind_end = first and path[0] not in ends, path[-1] not in ends
     points = _blunt(points, surface.closest(points)[0], blind_start, blind_end)
-    head, tail = [], []
+    head: list[Any] = []
+    tail: list[Any] = []
     if first and path[0] in ends:
         points, head = _without_cap(points, radii, ends[path[0]], False)
     if path[-1] in ends:

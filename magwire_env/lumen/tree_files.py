@@ -250,10 +250,10 @@ def _graph(path: Path) -> FoundLines:
         if not isinstance(node, dict):
             raise ValueError(f"{path} nodes[{i}] must be an object, got {str(node)[:60]!r}")
         key = node.get("id", i)
-        place = next((node[k] for k in ("position", "pos", "xyz", "coords") if k in node), None)
+        place: Any = next((node[k] for k in ("position", "pos", "xyz", "coords") if k in node), None)
         if place is None and all(k in node for k in "xyz"):
             place = [node[k] for k in "xyz"]
-        radius = node.get("radius", node.get("r", math.nan))
+        radius: Any = node.get("radius", node.get("r", math.nan))
         if not isinstance(key, (str, int)) or not _numbers(place, 3) or not _numbers([radius], 1):
             raise ValueError(
                 f"{path} nodes[{i}] must have an id, a position of three numbers and a radius, got {str(node)[:80]}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -66,13 +67,15 @@ class Tubes:
         self._curve = np.ascontiguousarray(np.concatenate([b.curve.table[1:-1] for b in branches]))
         self._radius = np.ascontiguousarray(np.concatenate([b.radius_table for b in branches]))
         self._spacing = np.array([b.curve.row_spacing for b in branches])
-        balls, chunks, rows = [], [], []
+        balls: list[Any] = []
+        chunks: list[Any] = []
+        rows: list[Any] = []
         for i, (b, height) in enumerate(zip(branches, heights, strict=True)):
             starts = np.arange(0, height, CHUNK)
             is_open = open_start and i == 0 and not b.curve.closed
             rows.append((first[i], height, len(chunks), len(starts), is_open, b.curve.closed))
             for start in starts:
-                count = min(CHUNK, height - start)
+                count: int = min(CHUNK, int(height - start))
                 s = (start + np.linspace(0, count, 2 * CHUNK + 1)) * self._spacing[i]
                 points = b.curve.position(s)
                 centre = points.mean(axis=0)

@@ -120,7 +120,8 @@ _META_TYPES = {
 
 def _meta_image(path: Path) -> Volume:
     data = whole_file(path)
-    fields, at = {}, 0
+    fields: dict[str, str] = {}
+    at = 0
     while "ElementDataFile" not in fields:
         end = data.find(b"\n", at, at + 4096)
         if end < 0 or len(fields) > 200:
