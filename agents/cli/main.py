@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from agents.cli import anatomy as anatomy_cli
 from agents.cli import view as view_cli
 from agents.cli.export import Export, export
 from agents.cli.train import train
@@ -293,7 +294,7 @@ def figures(options: Figures) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run one subcommand; bad input ends with one line and status 1."""
-    run = _RUN | view_cli.RUN
+    run = _RUN | view_cli.RUN | anatomy_cli.RUN
     commands: list[Any] = [Annotated[kind, tyro.conf.subcommand(kind.__name__.lower())] for kind in run]
     options: Any = tyro.cli(reduce(or_, commands), prog="magwire", description=__doc__, args=arguments)
     try:
