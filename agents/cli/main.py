@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 import magwire_env
+from agents.cli import anatomy as anatomy_cli
 from agents.cli import experiment as experiment_cli
 from agents.cli import identify as identify_cli
 from agents.cli import view as view_cli
@@ -316,7 +317,7 @@ def main(arguments: list[str] | None = None) -> None:
         return
     if str(Path.cwd()) not in sys.path and "" not in sys.path:
         sys.path.append(str(Path.cwd()))  # where a user's own modules are; last, so that it hides no other
-    run = _RUN | identify_cli.RUN | experiment_cli.RUN | view_cli.RUN
+    run = _RUN | identify_cli.RUN | experiment_cli.RUN | anatomy_cli.RUN | view_cli.RUN
     commands: list[Any] = [Annotated[kind, tyro.conf.subcommand(kind.__name__.lower())] for kind in run]
     options: Any = tyro.cli(reduce(or_, commands), prog="magwire", description=__doc__, args=arguments)
     try:

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..physics.checks import finite, points_array
+from ..physics.checks import finite, points_array, positive
 from .branch import Branch
 from .curve import Tract
 from .route import Place, Route
@@ -315,6 +315,11 @@ class Lumen:
     def narrowest(self) -> tuple[float, Place]:
         """The smallest radius, m, and where it is."""
         return min((b.narrowest[0], Place(b.name, b.narrowest[1])) for b in self.branches)
+
+    def too_narrow_for(self, radius: float) -> list[tuple[Place, float]]:
+        """The narrowest place of each branch that a wire of this radius does not pass, and the radius there, m."""
+        radius = positive("radius", radius, "m")
+        return [(Place(b.name, s), r) for b in self.branches for r, s in (b.narrowest,) if r <= radius]
 
     @property
     def widest(self) -> float:

@@ -274,11 +274,11 @@ class _Legacy:
             self.numbers(4 * int(words[2]), "unsigned_char" if self.binary else "float")
         elif key == "FIELD":
             for _ in range(int(words[2])):
-                name, parts, tuples, kind = self.word_line()
+                name, width, tuples, kind = self.word_line()
                 if kind.lower() == "string":
                     raise ValueError(f"{self.path} array {name!r} must hold numbers, got strings")
-                values = self.numbers(int(parts) * int(tuples), kind)
-                if int(parts) == 1 and int(tuples) == count:
+                values = self.numbers(int(width) * int(tuples), kind)
+                if int(width) == 1 and int(tuples) == count:
                     target[name] = values.astype(np.float64)
                 mark = self.at
                 if self.word_line()[:1] == ["METADATA"]:
