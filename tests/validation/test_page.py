@@ -10,14 +10,18 @@ from magwire_env.validation.page import LONG, REACH, SHORT, reach_tables, verdic
 from magwire_env.validation.report import at_most
 
 PAGE = (Path(__file__).parents[2] / "docs/physics.md").read_text(encoding="utf-8")
-SMALL = f"text\n\n{SHORT}\n|---|---|\n| a, 3 of 4 | old |\n\n{REACH[0]}\nold\n{REACH[1]}\n\n{LONG}\nold\n"
+SMALL = f"text\n\n{SHORT}\n|---|---|\n| a, 3 of 4 | stale |\n\n{REACH[0]}\nstale\n{REACH[1]}\n\n{LONG}\nstale\n"
+
+
+def long_lines() -> list[list[str]]:
+    """The cells of the page's long table."""
+    lines = [line for line in PAGE[PAGE.index(LONG) :].splitlines()[2:] if line.startswith("| ")]
+    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
 
 
 def long_table() -> dict[str, list[str]]:
-    """Lines of the page's long table, by quantity."""
-    lines = [line for line in PAGE[PAGE.index(LONG) :].splitlines()[2:] if line.startswith("| ")]
-    cells = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
-    return {line[0]: line for line in cells}
+    """The same by quantity."""
+    return {line[0]: line for line in long_lines()}
 
 
 def test_short_tables_say_what_the_long_one_says():
@@ -46,26 +50,26 @@ def test_the_reach_tables_on_the_page_are_those_of_the_record():
     assert reach_tables(recorded(), []).partition("\n\n")[0] in inside
 
 
-def test_the_number_of_rows_that_hold_is_that_of_the_table():
+def test_the_number_of_rows_that_hstale_is_that_of_the_table():
     lines = long_table().values()
-    assert f"{len(lines)} hold, 0 skipped, 0 fail." in PAGE
+    assert f"{len(lines)} hstale, 0 skipped, 0 fail." in PAGE
 
 
 def test_a_page_is_printed_anew():
     rows = [at_most("a, 5 of 6", "mm", 2.0, "theory", 1.5)]
     page = written(SMALL, rows)
     assert "| a, 5 of 6 | 1.5 mm |" in page
-    assert "old" not in page
-    assert page.endswith("1 hold, 0 skipped, 0 fail.\n")
+    assert "stale" not in page
+    assert page.endswith("1 hstale, 0 skipped, 0 fail.\n")
     assert without_numbers("a, 5 of 6") == without_numbers("a, 3 of 4")
-    assert verdicts([Row("b", "", 1.0, "s", 2.0, 0.1)]) == "0 hold, 0 skipped, 1 fail"
+    assert verdicts([Row("b", "", 1.0, "s", 2.0, 0.1)]) == "0 hstale, 0 skipped, 1 fail"
 
 
 @pytest.mark.parametrize(
     ("page", "message"),
     [
-        (SMALL.replace(LONG, ""), "page must hold the line"),
-        (SMALL.replace(REACH[1], ""), "page must hold the lines"),
+        (SMALL.replace(LONG, ""), "page must hstale the line"),
+        (SMALL.replace(REACH[1], ""), "page must hstale the lines"),
         (SMALL.replace("a, 3 of 4", "unknown"), "no check prints: 'unknown'"),
     ],
 )
