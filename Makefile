@@ -65,5 +65,5 @@ $(VENV)/docs.stamp: $(VENV)/train.stamp
 	touch $@
 
 $(VENV)/test.stamp: $(VENV)/train.stamp
-	$(PIP) --editable '.[train,test,view,cluster]'
+	$(PIP) --editable '.[train,test,view,cluster,anatomy]'
 	touch $@

@@ -156,7 +156,7 @@ def scene_of(lumen: Lumen, wire: float = 0.889e-3, length: float = 0.15) -> Any:
     at = ((low + high) / 2).tolist()
     at[2] = float(high[2]) + 0.12
     magnet = ActuatedMagnet(BlockMagnet((50.8e-3,) * 3, 1.3), tuple(at), (Turn("y"), Turn("z")))
-    begin = min(0.03, lumen.trunk.length / 3, length / 2)
+    begin = min(max(min(0.03, lumen.trunk.length / 3, length / 2), 3 * length / rod.segments), length)
     rig = Rig((magnet,), feed=Feed(0.03, home=begin))
     tip = CylinderMagnet(0.9 * wire, 8e-3, 1.35)
     return Scenario(name=lumen.name or "anatomy", lumen=lumen, wire=rod, tip=tip, rig=rig, model="free")

@@ -164,7 +164,9 @@ def _read_csv(path: Path, unit: str | None) -> list[Centreline]:
             )
     if not {"x", "y", "z"} <= set(columns):
         example = "'x [mm],y [mm],z [mm]'"
-        raise ValueError(f"{path} must start with a header line naming x, y and z, such as {example}, got {header!r}")
+        raise ValueError(
+            f"{path} must start with a header line naming x, y and z, such as {example}, got {header[:80]!r}"
+        )
     scales = {}
     for name, (_, declared) in columns.items():
         scales[name] = _scale(path, name, declared, unit, f"write it in the header, as in '{name} [mm]', or ")

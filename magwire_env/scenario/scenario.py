@@ -313,7 +313,7 @@ class Scenario:
         What is not given stays as it is. `magwire_env.identification` gives such ranges from logs. Raises `ValueError`
         for a range that is empty or not positive.
 
-        >>> Scenario.paper().randomised(friction=(0.03, 0.05)).variation.friction
+        >>> round(Scenario.paper().randomised(friction=(0.03, 0.05)).variation.friction, 9)
         0.25
         """
         ends = {"friction": friction, "bending_rigidity": bending_rigidity, "remanence": remanence}

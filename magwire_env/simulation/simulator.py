@@ -188,10 +188,10 @@ class Simulator(Observed):
     def lay(self, lanes: np.ndarray, places: Places, magnet: np.ndarray, goals: Places | None = None) -> None:
         """`reset` of `lanes` (n,), unchecked: tips at `places`, the rig at (n, dof) rad or m, new goals if given."""
         with self._lock:
+            self.rig.place(lanes, magnet)
             self.model.lay(lanes, places)
             if goals is not None:
                 self._aim(lanes, goals)
-            self.rig.place(lanes, magnet)
             self.model.refresh(lanes)
             self.time[lanes] = 0.0
 

@@ -120,17 +120,18 @@ def _one(draw: _Draw, shared: Layout, number: int) -> Scenario:
     modulus = draw.number("Guidewire.axial_modulus", about.axial_modulus)
     bending = modulus if rng.random() < 0.7 else draw.number("Guidewire.bending_modulus", about.bending_modulus)
     length = min(0.025 + tract.length * rng.uniform(0.0, 0.5), tract.length - 0.09)
+    room = 0.95 * float(np.min(tract.radius))  # a wire and a tip that do not fit in are refused
     wire = Guidewire(
-        length, draw.number("Guidewire.radius", about.radius), modulus, bending,
+        length, min(draw.number("Guidewire.radius", about.radius), room), modulus, bending,
         draw.number("Guidewire.density", about.density), draw.whole(2, 24),
     )  # fmt: skip
     tip = CylinderMagnet(
-        draw.number("CylinderMagnet.diameter", 2e-3), draw.number("CylinderMagnet.height", 3e-3),
+        min(draw.number("CylinderMagnet.diameter", 2e-3), 2 * room), draw.number("CylinderMagnet.height", 3e-3),
         draw.number("CylinderMagnet.remanence", 1.37), draw.number("CylinderMagnet.mass", 7e-5),
     )  # fmt: skip
     contact = Contact(
         **{f.name: draw.number(f"Contact.{f.name}", f.default) for f in dataclasses.fields(Contact)
-           if f.name != "lever_friction"},
+           if f.name not in ("lever_friction", "per_segment")},
         lever_friction=bool(rng.random() < 0.3),
     )  # fmt: skip
     readings = {

@@ -190,7 +190,11 @@ def of_mha(good):
 
 def of_mha_packed(good):
     head = good[: good.index(b"LOCAL\n") + 6]
-    return {"a bomb": head + zlib.compress(b"\1" * 500_000_000), "other data": head + NOISE}
+    return {
+        "a bomb": head + zlib.compress(b"\1" * 500_000_000),
+        "other data": head + NOISE,
+        "text": head + b"1 0 1 1 0\n" * 40,
+    }
 
 
 def of_nrrd(good):
@@ -209,7 +213,11 @@ def of_nrrd(good):
 
 def of_nrrd_packed(good):
     head = good[: good.index(b"\n\n") + 2]
-    return {"a bomb": head + gzip.compress(b"\1" * 500_000_000), "other data": head + NOISE}
+    return {
+        "a bomb": head + gzip.compress(b"\1" * 500_000_000),
+        "other data": head + NOISE,
+        "text": head + b"1 0 1 1 0\n" * 40,
+    }
 
 
 def of_csv(good):

@@ -14,7 +14,7 @@ import magwire_env
 from magwire_env import Scenario, Simulator
 from magwire_env.lumen import NAMED, aortic_arch, s_bend, straight
 from magwire_env.quasistatic import best_placement
-from magwire_env.scenario import ActuatedMagnet, Coil, Contact, Reading, Rig, Slide
+from magwire_env.scenario import ActuatedMagnet, Coil, Contact, Reading, Rig, Slide, plausible
 from magwire_env.scenario.plausible import doubts
 from tests.scenario.test_scenario import EVERYTHING
 
@@ -210,6 +210,7 @@ def test_a_wire_thicker_than_the_lumen_is_refused(build, words):
     ],
 )
 def test_what_is_hardly_meant_is_warned_about_once(changes, words):
+    plausible._warn.cache_clear()
     with pytest.warns(UserWarning, match=words):
         once = PAPER.replace(**changes)
     with warnings.catch_warnings():

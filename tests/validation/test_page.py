@@ -50,9 +50,9 @@ def test_the_reach_tables_on_the_page_are_those_of_the_record():
     assert reach_tables(recorded(), []).partition("\n\n")[0] in inside
 
 
-def test_the_number_of_rows_that_hstale_is_that_of_the_table():
+def test_the_number_of_rows_that_hold_is_that_of_the_table():
     lines = long_table().values()
-    assert f"{len(lines)} hstale, 0 skipped, 0 fail." in PAGE
+    assert f"{len(lines)} hold, 0 skipped, 0 fail." in PAGE
 
 
 def test_a_page_is_printed_anew():
@@ -60,16 +60,16 @@ def test_a_page_is_printed_anew():
     page = written(SMALL, rows)
     assert "| a, 5 of 6 | 1.5 mm |" in page
     assert "stale" not in page
-    assert page.endswith("1 hstale, 0 skipped, 0 fail.\n")
+    assert page.endswith("1 hold, 0 skipped, 0 fail.\n")
     assert without_numbers("a, 5 of 6") == without_numbers("a, 3 of 4")
-    assert verdicts([Row("b", "", 1.0, "s", 2.0, 0.1)]) == "0 hstale, 0 skipped, 1 fail"
+    assert verdicts([Row("b", "", 1.0, "s", 2.0, 0.1)]) == "0 hold, 0 skipped, 1 fail"
 
 
 @pytest.mark.parametrize(
     ("page", "message"),
     [
-        (SMALL.replace(LONG, ""), "page must hstale the line"),
-        (SMALL.replace(REACH[1], ""), "page must hstale the lines"),
+        (SMALL.replace(LONG, ""), "page must hold the line"),
+        (SMALL.replace(REACH[1], ""), "page must hold the lines"),
         (SMALL.replace("a, 3 of 4", "unknown"), "no check prints: 'unknown'"),
     ],
 )
