@@ -45,10 +45,10 @@ pictures: $(VENV)/test.stamp
 floors:
 	rm -rf $(VENV)-floor && $(PYTHON) -m venv $(VENV)-floor
 	$(VENV)-floor/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints-floor.txt .
-	cd tests && ../$(VENV)-floor/bin/python floors.py
+	cd tests && ../$(VENV)-floor/bin/python -P floors.py
 	$(VENV)-floor/bin/python -m pip install --quiet --disable-pip-version-check torch==2.13.0
 	$(VENV)-floor/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints-floor.txt '.[train]'
-	cd tests && ../$(VENV)-floor/bin/python floors.py --train
+	cd tests && ../$(VENV)-floor/bin/python -P floors.py --train
 
 clean:
 	rm -rf $(VENV) $(VENV)-floor site build dist *.egg-info

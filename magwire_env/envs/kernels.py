@@ -180,7 +180,7 @@ def judge(n, rule, readout, trace, step_limit, period, tolerance, hold, safe, we
         terminated = where(outside, 1.0, success if rule != FOLLOW else 0.0 * success)
         terminated = where(safe * cost > 0.0, 1.0, terminated)
         success = where(safe * cost > 0.0, 0.0, success)
-        # Who leaves early without success pays for the time that was left: else giving up would beat a slow way.
+        # An early end without success costs the time that was left. Otherwise giving up would beat slow progress.
         for_time = where(terminated > success, for_time - weights[2] * (step_limit - steps), for_time)
         for_success = weights[0] * success
         for_progress = weights[1] * (load(lanes, EPISODE.distance, lane) - left) / start

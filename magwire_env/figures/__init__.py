@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..physics.checks import one_of
 from ..plotting import styled
-from . import drawings, forces, rods
+from . import drawings, forces, reach, rods, shapes
 from .page import Page
 
 __all__ = ["FIGURES", "Page", "draw"]
@@ -24,8 +24,11 @@ FIGURES: dict[str, Callable[[], Page]] = {
     "figure6_force_against_angle": forces.against_angle,
     "figure7_best_angle": forces.best_angle,
     "figure8_coupling": forces.coupling,
+    "figure9_wanted_shapes": shapes.wanted_shapes,
+    "figure10_reach": reach.claims_reach,
 }
-"""Figures 1 to 7 are the paper's; the eighth shows what its projection of the force leaves out."""
+"""1 to 7 are the paper's; 8 shows what its projection of the force leaves out, 9 the way back from a shape to magnets
+that make it, 10 on how many other tracts the claim holds."""
 
 
 def draw(folder: str | Path, only: Iterable[str] = ()) -> list[Path]:

@@ -5,12 +5,14 @@ from typing import Any
 
 from .dipoles import MU0, DipoleCloud, field, field_gradient, force, torque
 from .guidewire import Guidewire
+from .inverse import Curve, ShapeSolution, TipPose
 from .magnets import BlockMagnet, CylinderMagnet, Magnet, PointDipole
 from .rod import FreeRod, NotConverged, RodPath
 
 __all__ = [
     "MU0",
     "BlockMagnet",
+    "Curve",
     "CylinderMagnet",
     "DipoleCloud",
     "FreeRod",
@@ -19,6 +21,8 @@ __all__ = [
     "NotConverged",
     "PointDipole",
     "RodPath",
+    "ShapeSolution",
+    "TipPose",
     "field",
     "field_gradient",
     "force",

@@ -1,11 +1,13 @@
 """The free rod: the paper's chain without a tract, in static equilibrium (paper Section III, Figures 1 and 2).
 
-The chain of `Guidewire` is clamped at the origin along +x; its last node carries the tip magnet. Its energy is
+The chain of `Guidewire` is clamped at the origin along +x; its last node carries the tip magnet, and its segments may
+be magnetised themselves. Its energy is
 
-    U = Σ ½ k_axial (|e_i| − ℓ)² + Σ ½ k_j φ_j² − m d̂·B(x_tip) − F·x_tip − Σ m_i g·x_i
+    U = Σ ½ k_axial (|e_i| − ℓ)² + Σ ½ k_j φ_j² − m d̂·B(x_tip) − Σ μ_i d̂_i·B(x̄_i) − F·x_tip − Σ m_i g·x_i
 
-with segment vectors e_i, exact angles φ_j between segments at large deflection in 3-D, and d̂ the direction of the
-last segment, along which the tip's moment m lies. An equilibrium is a minimum of U.
+with segment vectors e_i, exact angles φ_j between segments at large deflection in 3-D, d̂_i the direction and x̄_i the
+middle of segment i, μ_i the moment it holds, and d̂ the direction of the last segment, along which the tip's moment m
+lies. An equilibrium is a minimum of U.
 
 **Joints at the ends.** A joint stands for the wire's bending over the ℓ about its node, so its spring is E·I/ℓ. At the
 clamp only half a cell lies between the first segment's middle and the wall: 2 E·I/ℓ. At the tip half a cell lies
@@ -25,17 +27,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, eigh
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import minimize
 
 from .checks import points_array, positive, vector
 from .dipoles import MU0, DipoleCloud
 from .guidewire import Guidewire
 from .magnets import CylinderMagnet, Magnet
-from .rod_energy import Chain, Chart, Load, Shape, Touched
+from .rod_energy import Chain, Chart, Load, Shape, Touched, off_saddle
+from .rod_magnetics import Magnetisation, carriers_of, reference_moment, segment_moments
+
+if TYPE_CHECKING:
+    from .inverse import Curve, ShapeSolution, TipPose
+    from .inverse.means import RigLike
 
 __all__ = ["FreeRod", "NotConverged", "RodPath"]
 
@@ -44,7 +51,6 @@ Vector = Sequence[float] | np.ndarray
 _COARSE = 1e-6  # gradient, in E·I/L, at which the trust region hands over to plain Newton steps
 _ITERATIONS = 60  # of the trust region between two charts
 _CHARTS = 8  # fresh charts, or kicks off a saddle, before giving up
-_KICK = 0.05  # rad, off a saddle
 
 
 class _Stride(NamedTuple):
@@ -103,11 +109,15 @@ class FreeRod:
     """A wire clamped at the origin along +x, its tip magnet free.
 
     wire : its segments, stiffness and, for `gravity`, mass
-    tip : the magnet at the last node; its moment points along the last segment, outwards
+    tip : the magnet at the last node; its moment points along the last segment, outwards. None for a rod that is
+        magnetised along its length alone
+    magnetisation : moment along the tangent per length of wire, A·m²/m: a function of the arc length from the clamp,
+        (n,) m → (n,), or one number for each segment; by default none
     gravity : (3,) m/s², zero as in the paper
-    contact : m; a tip nearer than this to a dipole of a cloud touches the magnet, and no equilibrium is looked for
-        there. Default: the tip magnet's `reach`, at least 1 % of the wire. A cloud does not know its magnet's body:
-        a tip drawn inside goes on to one of its dipoles, and the wire behind the tip passes through magnets.
+    contact : m; a tip (or the middle of a magnetised segment) nearer than this to a dipole of a cloud touches the
+        magnet, and no equilibrium is looked for there. Default: the tip magnet's `reach` (the wire's radius without
+        one), at least 1 % of the wire. A cloud does not know its magnet's body: a tip drawn inside goes on to one of
+        its dipoles, and wire that is not magnetised passes through magnets.
     tolerance : on the gradient's norm, in units of E·I/L
 
     A load is given by keywords, all optional:
@@ -120,23 +130,28 @@ class FreeRod:
     def __init__(
         self,
         wire: Guidewire,
-        tip: Magnet,
+        tip: Magnet | None,
         *,
+        magnetisation: Magnetisation | None = None,
         gravity: Vector = (0.0, 0.0, 0.0),
         contact: float | None = None,
         tolerance: float = 1e-9,
     ) -> None:
-        for name, value, kind in (("wire", wire, Guidewire), ("tip", tip, Magnet)):
+        for name, value, kind in (("wire", wire, Guidewire), ("tip", tip, Magnet | None)):
             known = isinstance(value, kind)
             if not known:
                 raise ValueError(f"FreeRod.{name} must be a {name} from magwire_env.physics, got {value!r}")
         self.wire = wire
         self.tip = tip
+        self.segment_moments = segment_moments("FreeRod.magnetisation", magnetisation, wire.segments, wire.length)
+        tip_moment = tip.moment if tip is not None else 0.0
+        self.reference_moment = reference_moment(tip_moment, self.segment_moments)
         self.gravity = vector("FreeRod.gravity", gravity, 3, "m/s²")
-        default = max(tip.reach, 0.01 * wire.length)
+        default = max(wire.radius if tip is None else tip.reach, 0.01 * wire.length)
         self.contact = default if contact is None else positive("FreeRod.contact", contact, "m")
         self.tolerance = positive("FreeRod.tolerance", tolerance, "E·I/L")
-        self._chain = Chain(wire, self.contact)
+        carriers = carriers_of(tip_moment, self.segment_moments, self.reference_moment)
+        self._chain = Chain(wire, self.contact, carriers)
         self._rest = Shape(np.tile([1.0, 0.0, 0.0], (wire.segments, 1)), np.zeros(wire.segments))
 
     def equilibrium(
@@ -182,6 +197,37 @@ class FreeRod:
             positions[i], converged[i] = self._positions(shape), True
         return RodPath(positions, converged, snap)
 
+    def field_for(self, target: Curve | TipPose | np.ndarray, *, limit: float = 1.0, starts: int = 12) -> ShapeSolution:
+        """The uniform field that brings the rod nearest to a shape or a tip's pose.
+
+        target : `Curve`, `TipPose`, or (n, 3) m of points equally spaced along the wire from the clamp to the tip
+        limit : T, of the field's strength
+        starts : of the search at most; it ends at the first that reaches the target from rest
+
+        A shape that cannot be reached is no error: the solution says so, and why (`ShapeSolution.reached`, `.why`).
+        """
+        from .inverse import solve
+        from .inverse.means import UniformField
+        from .inverse.targets import as_target
+
+        moment = float(np.abs(self.segment_moments).sum()) + (self.tip.moment if self.tip is not None else 0.0)
+        return solve(self, as_target(target), UniformField(self.wire, moment, limit), starts)
+
+    def rig_for(self, target: Curve | TipPose | np.ndarray, rig: RigLike, *, starts: int = 12) -> ShapeSolution:
+        """The command of a rig (turns, slides, currents) that brings the rod nearest to a shape or a tip's pose.
+
+        rig : a `magwire_env.scenario.Rig`, or what has its magnets and coils; placed in the rod's frame
+        target, starts : as for `field_for`
+
+        Turns are free, slides and currents keep their limits, and a magnet keeps its reach and the wire's radius
+        clear of every node. Raises `ValueError` if the rod has no equilibrium at any start.
+        """
+        from .inverse import solve
+        from .inverse.means import RigMeans
+        from .inverse.targets import as_target
+
+        return solve(self, as_target(target), RigMeans(self.wire, rig), starts)
+
     def energy(self, positions: np.ndarray, **load: Any) -> float:
         """Total energy of the rod at `positions`, (nodes, 3) m, under a load, J; infinite in contact."""
         shape = self._shape("positions", positions)
@@ -203,8 +249,13 @@ class FreeRod:
         total = np.zeros((len(d) + 1, 3))
         total[:-1] += tension
         total[1:] -= tension
-        total[0] += self._chain.pull(scaled, shape)[0]  # the derivatives shift a segment with all that hangs on it
+        total[0] += self._chain.hold(scaled, shape)  # the derivatives shift a segment with all that hangs on it
         return total * self._chain.moment / self.wire.length
+
+    def _units(self) -> tuple[float, float]:
+        """A `Load`'s couple by the uniform field, 1/T, and its moments by a dipole's, 1/(A·m²)."""
+        couple = self.reference_moment / self._chain.moment
+        return couple, MU0 / (4 * np.pi) * couple / self.wire.length**3
 
     def _load(
         self,
@@ -218,10 +269,10 @@ class FreeRod:
         tip_mass = self.tip.mass if isinstance(self.tip, CylinderMagnet) else 0.0
         hanging = (tip_mass or 0.0) + self.wire.mass / n * (np.arange(n)[::-1] + 0.5)
         dead = np.add(np.outer(hanging, self.gravity), vector("tip_force", tip_force, 3, "N"))
-        couple = np.array(vector("uniform_field", uniform_field, 3, "T")) * self.tip.moment / moment
+        per_tesla, strength = self._units()
+        couple = np.array(vector("uniform_field", uniform_field, 3, "T")) * per_tesla
         positions = np.zeros((0, 3)) if cloud is None else cloud.positions / length
         moments = np.zeros((0, 3)) if cloud is None else cloud.moments
-        strength = MU0 / (4 * np.pi) * self.tip.moment / length**3 / moment
         return Load(dead * length / moment, couple, positions, moments * strength)
 
     def _shape(self, name: str, positions: np.ndarray) -> Shape:
@@ -272,9 +323,9 @@ class FreeRod:
             return math.inf
         chord = np.linalg.norm(found.shape.directions - shape.directions, axis=1).max()
         turn = 2 * math.asin(min(1.0, chord / 2))
-        before = self._chain.tip(shape) - last.positions
-        after = self._chain.tip(found.shape) - load.positions
-        nearer = np.linalg.norm(after - before, axis=1) / np.linalg.norm(before, axis=1)
+        before = self._chain.places(shape)[:, None] - last.positions
+        after = self._chain.places(found.shape)[:, None] - load.positions
+        nearer = np.linalg.norm(after - before, axis=2) / np.linalg.norm(before, axis=2)
         return max(turn / stride.turn, nearer.max(initial=0.0) / stride.approach)
 
     def _minimise(self, load: Load, shape: Shape) -> _Found:
@@ -299,11 +350,22 @@ class FreeRod:
             if residual < self.tolerance and stable:
                 return _Found(shape, residual, True, False)
             if residual < _COARSE and not stable:
-                shape = _off_saddle(Chart(self._chain, load, shape))
+                shape = off_saddle(Chart(self._chain, load, shape))
         return _Found(shape, residual, False, False)
 
-    def _polish(self, load: Load, shape: Shape) -> tuple[Shape, float, bool]:
-        """Newton steps while they help: the shape, its gradient's norm, and whether its Hessian is positive."""
+    def _nearby(self, load: Load, shape: Shape) -> _Found:
+        """The minimum of the energy right beside `shape`, by Newton steps alone if they get there."""
+        try:
+            near, residual, stable = self._polish(load, shape, math.inf)
+        except Touched:
+            return self._minimise(load, shape)
+        return (
+            _Found(near, residual, True, False) if residual < self.tolerance and stable else self._minimise(load, shape)
+        )
+
+    def _polish(self, load: Load, shape: Shape, most: float = 1e3 * _COARSE) -> tuple[Shape, float, bool]:
+        """Newton steps from a gradient of at most `most` on, while they help: the shape, its gradient's norm, and
+        whether its Hessian is positive."""
         best, residual, stable = shape, math.inf, False
         while True:
             chart = Chart(self._chain, load, shape)
@@ -317,25 +379,9 @@ class FreeRod:
             except LinAlgError:
                 return best, residual, False
             stable = True
-            if residual > 1e3 * _COARSE:
+            if residual > most:
                 return best, residual, stable
             shape = chart.shape(-cho_solve(factor, gradient))
-
-
-def _off_saddle(chart: Chart) -> Shape:
-    """The shape in the middle of `chart`, kicked downhill.
-
-    The kick is what a small turn towards +z and a little +y has in the directions of negative curvature, so that the
-    way a symmetric rod buckles does not hang on how the eigenvectors of a double root come out.
-    """
-    values, modes = eigh(chart.hessian(chart.middle))
-    falling = modes[:, values < max(0.0, 0.5 * values[0])]
-    falling = falling if falling.size else modes[:, :1]
-    turn = np.zeros((len(chart.normal), 3))
-    turn[:, :2] = chart.across @ np.array([0.0, 0.3, 1.0])
-    kick = falling @ (falling.T @ turn.ravel())
-    kick = kick if np.abs(kick).max() > 1e-6 else falling[:, 0]
-    return chart.shape(_KICK / np.abs(kick).max() * kick)
 
 
 def _keywords(index: int, load: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -1,4 +1,4 @@
-"""Energy of a free chain of springs with a magnet at its tip, with its first and second derivatives.
+"""Energy of a free chain of springs that carries magnets, with its first and second derivatives.
 
 What `rod.FreeRod` minimises; the model is described there. Everything runs in units of the wire's length L and of
 E·I/L, over segment directions and strains instead of node positions.
@@ -11,12 +11,17 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import eigh
 
+from . import rod_magnetics as magnetics
 from .guidewire import Guidewire
+from .rod_magnetics import Carriers
 
-__all__ = ["Chain", "Chart", "Load", "Shape", "Touched"]
+__all__ = ["Chain", "Chart", "Load", "LoadSlope", "Shape", "Touched", "off_saddle"]
 
 _NEUTRAL = 2.5e-6  # stiffness, in E·I/L and per segment, below which a mode counts as neutral and not as falling
+
+_KICK = 0.05  # rad, off a saddle
 
 
 class Shape(NamedTuple):
@@ -27,7 +32,7 @@ class Shape(NamedTuple):
 
 
 class Touched(Exception):
-    """The tip has come into contact with a magnet."""
+    """The rod's own magnets have come into contact with one outside."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +40,8 @@ class Load:
     """A load in units of L and E·I/L.
 
     pull : (N, 3), the dead force each segment carries (tip force, and weight of all that hangs on it)
-    couple : (3,), m B of the uniform field
-    positions, moments : (K, 3), dipoles; moments scaled by the tip's, so that their field along d̂ is an energy
+    couple : (3,), m B of the uniform field, m the rod's reference moment
+    positions, moments : (K, 3), dipoles; moments scaled by m, so that their field along d̂ is an energy
     """
 
     pull: np.ndarray
@@ -61,11 +66,27 @@ class Load:
         return Load(0 * self.pull, 0 * self.couple, self.positions, 0 * self.moments)
 
 
-class Chain:
-    """Energy of the chain over directions and strains, in units of L and E·I/L."""
+class LoadSlope(NamedTuple):
+    """The rate at which a load changes with a parameter, in the load's units.
 
-    def __init__(self, wire: Guidewire, contact: float) -> None:
+    couple : (3,) of the uniform field
+    positions, moments : (K, 3), of the dipoles
+    """
+
+    couple: np.ndarray
+    positions: np.ndarray
+    moments: np.ndarray
+
+
+class Chain:
+    """Energy of the chain over directions and strains, in units of L and E·I/L.
+
+    carriers : the magnets along it, moments as multiples of the reference moment
+    """
+
+    def __init__(self, wire: Guidewire, contact: float, carriers: Carriers) -> None:
         n = wire.segments
+        self.carriers = carriers
         self.cell = 1 / n
         self.moment = wire.bending_rigidity / wire.length
         self.contact = contact / wire.length
@@ -76,15 +97,29 @@ class Chain:
         self.stretch = math.sqrt(2 * n / self.axial)
         """Strain of one unit of the chart's third coordinate: as stiff as a rotation against two joints."""
         self.base = np.array([[1.0, 0.0, 0.0]])
+        self._later = np.kron(np.triu(np.ones((n, n), dtype=bool), 1), np.ones((3, 3), dtype=bool))
 
-    def tip(self, shape: Shape) -> np.ndarray:
-        return self.cell * (1 + shape.strains) @ shape.directions
+    def places(self, shape: Shape) -> np.ndarray:
+        """Where the rod's magnets are, (C, 3)."""
+        return self.carriers.places((self.cell * (1 + shape.strains))[:, None] * shape.directions)
 
     def pull(self, load: Load, shape: Shape) -> np.ndarray:
         """Force that each segment carries from outside, dead and magnetic, (N, 3)."""
         if not len(load.moments):
             return load.pull
-        return load.pull + _dipoles(load, self.tip(shape), shape.directions[-1], self.contact)[1]
+        return load.pull + self.carriers.carried(self._magnetic(load, shape)[1], len(load.pull))
+
+    def hold(self, load: Load, shape: Shape) -> np.ndarray:
+        """Whole force on the rod from outside, without what is dead on its first half cell, (3,)."""
+        return load.pull[0] + (self._magnetic(load, shape)[1].sum(axis=0) if len(load.moments) else 0.0)
+
+    def _magnetic(self, load: Load, shape: Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """V (C,), force (C, 3) and field times moment (C, 3) of every carrier, by the dipoles alone."""
+        own = self.carriers
+        along = shape.directions[own.segment]
+        found = magnetics.first(load.positions, load.moments, self.places(shape), along, self.contact)
+        value, force, field = found
+        return own.moment * value, own.moment[:, None] * force, own.moment[:, None] * field
 
     def first(self, load: Load, shape: Shape) -> tuple[float, np.ndarray, np.ndarray]:
         """Energy and its derivatives by directions (N, 3), as if these were free vectors, and by strains (N,)."""
@@ -95,17 +130,63 @@ class Chain:
         on_d = slope[:, None] * inner
         on_d[:-1] += slope[1:, None] * d[1:]
         lengths = self.cell * (1 + strains)
+        own = self.carriers
         energy = 0.5 * self.joints @ phi**2 + 0.5 * self.axial * strains @ strains
-        energy -= lengths @ np.einsum("nj,nj->n", load.pull, d) + load.couple @ d[-1]
-        pull, field = load.pull, load.couple
+        energy -= lengths @ np.einsum("nj,nj->n", load.pull, d)
+        energy -= own.moment @ (d[own.segment] @ load.couple)
+        pull, field = load.pull, own.moment[:, None] * load.couple
         if len(load.moments):
-            magnetic, force, b = _dipoles(load, self.tip(shape), d[-1], self.contact)
-            energy -= magnetic
-            pull, field = pull + force, field + b
+            value, force, b = self._magnetic(load, shape)
+            if not np.isfinite(value).all():
+                return math.inf, on_d, strains
+            energy -= value.sum()
+            pull, field = pull + own.carried(force, len(d)), field + b
         on_d -= lengths[:, None] * pull
-        on_d[-1] -= field
+        np.add.at(on_d, own.segment, -field)
         on_strains = self.axial * strains - self.cell * np.einsum("nj,nj->n", pull, d)
         return float(energy), on_d, on_strains
+
+    def slope(self, load: Load, shape: Shape, rate: LoadSlope) -> tuple[np.ndarray, np.ndarray]:
+        """Rates of the derivatives of `first`, by directions (N, 3) and by strains (N,), while the shape stays."""
+        own, (d, strains) = self.carriers, shape
+        on_d, field = np.zeros_like(d), own.moment[:, None] * rate.couple
+        on_strains = np.zeros(len(d))
+        if len(load.moments):
+            change = rate.positions, rate.moments
+            moved = magnetics.moved(load.positions, load.moments, self.places(shape), d[own.segment], *change)
+            force, b = (own.moment[:, None] * value for value in moved)
+            pull, field = own.carried(force, len(d)), field + b
+            on_d -= (self.cell * (1 + strains))[:, None] * pull
+            on_strains = -self.cell * np.einsum("nj,nj->n", pull, d)
+        np.add.at(on_d, own.segment, -field)
+        return on_d, on_strains
+
+    def second(self, load: Load, shape: Shape, moves: np.ndarray, turns: np.ndarray) -> np.ndarray:
+        """Second derivatives of the dipoles' energy, (3N, 3N), by 3 coordinates of each segment.
+
+        moves : (N, 3, 3), how each coordinate moves the segment's vector; turns : (N, 3, 3), its direction
+        """
+        own, n = self.carriers, len(moves)
+        along = shape.directions[own.segment]
+        second = magnetics.second(load.positions, load.moments, self.places(shape), along)
+        by_place, by_both = (own.moment[:, None, None] * value for value in second)
+        flat = moves.reshape(3 * n, 3)
+
+        # A carrier moves with every segment before its own, and with its own by its share; it turns with its own.
+        ahead = np.einsum("nij,nkj->nik", own.carried(by_place, n), moves)  # (N, 3 of space, 3 coordinates)
+        ahead += np.einsum("nij,nkj->nik", own.by_segment(by_both, n), turns)
+        across = flat @ ahead.transpose(1, 0, 2).reshape(3, 3 * n)
+        out = np.where(self._later, across, 0.0)
+        out += out.T
+
+        beyond = own.carried(by_place, n) - own.by_segment(own.share[:, None, None] * by_place, n)
+        beyond += own.by_segment((own.share**2)[:, None, None] * by_place, n)
+        same = np.einsum("nij,njk,nlk->nil", moves, beyond, moves)
+        partly = own.by_segment(own.share[:, None, None] * by_both, n)
+        mixed = np.einsum("nij,njk,nlk->nil", moves, partly, turns)
+        every = np.arange(n)
+        out.reshape(n, 3, n, 3)[every, :, every] += same + mixed + mixed.transpose(0, 2, 1)
+        return -out
 
 
 class Chart:
@@ -204,13 +285,9 @@ class Chart:
         n, every = len(d), np.arange(len(d))
         lengths = chain.cell * (1 + strains)
         if len(load.moments):
-            by_tip, by_both = _dipoles_second(load, chain.tip(shape), d[-1])
             stretches = chain.cell * chain.stretch * d[:, None]
-            reach = np.concatenate([lengths[:, None, None] * turns, stretches], axis=1).reshape(3 * n, 3)  # ∂tip/∂p
-            h.reshape(3 * n, 3 * n)[...] -= reach @ by_tip @ reach.T
-            last = (reach @ by_both @ turns[-1].T).reshape(n, 3, 2)
-            h[:, :, -1, :2] -= last
-            h[-1, :2] -= last.transpose(2, 0, 1)
+            moves = np.concatenate([lengths[:, None, None] * turns, stretches], axis=1)
+            h.reshape(3 * n, 3 * n)[...] += chain.second(load, shape, moves, _padded(turns))
         stretched = chain.cell * chain.stretch * np.einsum("nij,nj->ni", turns, chain.pull(load, shape))
         h[every, :2, every, 2] -= stretched
         h[every, 2, every, :2] -= stretched
@@ -232,37 +309,25 @@ def _angles(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nd
     return phi, -slope, curve
 
 
-def _dipoles(load: Load, tip: np.ndarray, along: np.ndarray, contact: float) -> tuple[float, np.ndarray, np.ndarray]:
-    """V = m d̂·B at the tip, the force ∂V/∂x (3,) and the field ∂V/∂d̂ (3,); V infinite nearer than `contact`.
+def off_saddle(chart: Chart) -> Shape:
+    """The shape in the middle of `chart`, kicked downhill.
 
-    The sums of `dipoles.field` and `dipoles.field_gradient` for one point and one direction.
+    The kick is what a small turn towards +z and a little +y has in the directions of negative curvature, so that the
+    way a symmetric rod buckles does not hang on how the eigenvectors of a double root come out.
     """
-    r, s = tip - load.positions, load.moments
-    square = np.einsum("kj,kj->k", r, r)
-    if square.min() < contact**2:
-        return -math.inf, np.zeros(3), np.zeros(3)
-    a, b, c = np.einsum("kj,kj->k", s, r), r @ along, s @ along
-    w3 = square**-1.5
-    w5 = 3 * w3 / square
-    field = (w5 * a) @ r - w3 @ s
-    force = (w5 * b) @ s + (w5 @ a) * along + (w5 * (c - 5 * a * b / square)) @ r
-    return float(field @ along), force, field
+    values, modes = eigh(chart.hessian(chart.middle))
+    falling = modes[:, values < max(0.0, 0.5 * values[0])]
+    falling = falling if falling.size else modes[:, :1]
+    turn = np.zeros((len(chart.normal), 3))
+    turn[:, :2] = chart.across @ np.array([0.0, 0.3, 1.0])
+    kick = falling @ (falling.T @ turn.ravel())
+    kick = kick if np.abs(kick).max() > 1e-6 else falling[:, 0]
+    return chart.shape(_KICK / np.abs(kick).max() * kick)
 
 
-def _dipoles_second(load: Load, tip: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Second derivatives of V = m d̂·B at the tip: ∂²V/∂x∂x and ∂²V/∂x∂d̂, both (3, 3)."""
-    r, s = tip - load.positions, load.moments
-    square = np.einsum("kj,kj->k", r, r)
-    a, b, c = np.einsum("kj,kj->k", s, r), r @ along, s @ along
-    w5 = 3 * square**-2.5
-    w7 = 5 * w5 / square
-    one = np.outer(w5 @ s, along)
-    two = (s * (w7 * b)[:, None] + (w7 * a)[:, None] * along).T @ r
-    by_tip = one + one.T - two - two.T
-    by_tip += (w5 @ c - w7 @ (a * b)) * np.eye(3) + (r * (w7 * (7 * a * b / square - c))[:, None]).T @ r
-    mixed = (s * w5[:, None]).T @ r
-    by_both = mixed + mixed.T + (w5 @ a) * np.eye(3) - (r * (w7 * a)[:, None]).T @ r
-    return by_tip, by_both
+def _padded(turns: np.ndarray) -> np.ndarray:
+    """Turns by the two rotations of each segment, with a row of zeros for its stretch: (N, 2, 3) → (N, 3, 3)."""
+    return np.concatenate([turns, np.zeros((len(turns), 1, 3))], axis=1)
 
 
 def _across(n: np.ndarray) -> np.ndarray:

@@ -18,25 +18,19 @@ kinds have a wire of half or a tenth of that stiffness, like soft catheters.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-
-import numpy as np
 
 from ..lumen.curve import Tract
 from ..lumen.generator import SPLITS, Bounds, generate
 from ..physics.checks import one_of, whole
 from ..progress import Progress
-from ..scenario import Scenario, above
-from ..scenario.rig import ActuatedMagnet, Rig, Slide, Turn, cheapest_rule
+from ..scenario import Rig, Scenario
 from .certificate import Certificate, certify
+from .rigs import following, one_axis, paper, two_axes, two_magnets
 
 __all__ = ["RECIPES", "Pool", "Recipe", "build_pool", "candidates", "scenario_pool"]
-
-DISTANCE = 0.07
-"""Least distance of every magnet's centre from the centreline, m."""
 
 _TOGETHER = 32
 """Number of candidates certified side by side."""
@@ -62,7 +56,7 @@ class Recipe:
 
     def scenario(self, name: str, tract: Tract) -> Scenario:
         """The scenario of a tract."""
-        base = _paper()
+        base = paper()
         wire = dataclasses.replace(base.wire, bending_modulus=self.bending_modulus)
         return Scenario(name, tract, wire, base.tip, self.rig(tract), base.contact, self.coupling)
 
@@ -137,48 +131,11 @@ _PER_SEED = 1_000_000
 """Number of the generator's tracts that belong to one seed of the pool."""
 
 
-@lru_cache(maxsize=1)
-def _paper() -> Scenario:
-    return Scenario.paper()
-
-
-@lru_cache(maxsize=1)
-def _dipoles() -> tuple[str, int]:
-    """The cheapest dipole rule at a little less than `DISTANCE`, the same for all magnets."""
-    return cheapest_rule(_paper().rig.magnets[0].magnet, 0.99 * DISTANCE)
-
-
-def _magnet(position: tuple[float, float, float], *dofs: Turn | Slide) -> ActuatedMagnet:
-    return ActuatedMagnet(_paper().rig.magnets[0].magnet, position, dofs, _dipoles())
-
-
-def _fixed(tract: Tract) -> Rig:
-    return Rig((_magnet(above(tract, DISTANCE), Turn("y", home=math.pi)),))
-
-
-def _two_axes(tract: Tract) -> Rig:
-    return Rig((_magnet(above(tract, DISTANCE), Turn("y", home=math.pi), Turn("z")),))
-
-
-def _following(tract: Tract) -> Rig:
-    """A magnet that slides over the whole tract and 30 mm beyond it, in the plane 7 cm above its highest point."""
-    xyz = tract.table[1:, 0:3]
-    (x0, y0, _), (x1, y1, top) = xyz.min(axis=0), xyz.max(axis=0)
-    middle = ((x0 + x1) / 2, (y0 + y1) / 2, top + DISTANCE)
-    x, y = (x1 - x0) / 2 + 0.03, (y1 - y0) / 2 + 0.03
-    return Rig((_magnet(middle, Slide("x", -x, x), Slide("y", -y, y), Turn("y", home=math.pi)),))
-
-
-def _both_sides(tract: Tract) -> Rig:
-    x, y, z = above(Tract(tuple(map(tuple, np.array(tract.points) * (1, 1, -1)))), DISTANCE)
-    return Rig((_magnet(above(tract, DISTANCE), Turn("y", home=math.pi)), _magnet((x, y, -z), Turn("x"))))
-
-
 RECIPES: dict[str, Recipe] = {
     "SteerAny": Recipe(
-        Bounds(length=(0.4, 0.6), bend_radius=0.04, box=(0.18, 0.18, 0.05)), 275e3, "force", _fixed
+        Bounds(length=(0.4, 0.6), bend_radius=0.04, box=(0.18, 0.18, 0.05)), 275e3, "force", one_axis
     ),
-    "Orient": Recipe(Bounds(), 55e3, "wrench", _two_axes),
-    "Chase": Recipe(Bounds(), 275e3, "wrench", _following),
-    "Dual": Recipe(Bounds(), 55e3, "wrench", _both_sides),
+    "Orient": Recipe(Bounds(), 55e3, "wrench", two_axes),
+    "Chase": Recipe(Bounds(), 275e3, "wrench", following),
+    "Dual": Recipe(Bounds(), 55e3, "wrench", two_magnets),
 }  # fmt: skip

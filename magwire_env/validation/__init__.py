@@ -5,7 +5,7 @@ One list, two sizes: `run(CHECKS, FULL)` for the record, `run(CHECKS, TEST)` in 
 
 from __future__ import annotations
 
-from . import claims, magnets, motion, rods
+from . import claims, inverse, magnets, motion, rods
 from .report import FULL, TEST, Check, Row, Size, run, table
 
 __all__ = ["CHECKS", "FULL", "TEST", "Check", "Row", "Size", "run", "table"]
@@ -24,6 +24,7 @@ CHECKS = (
     Check("snap of the free rod", lambda _: rods.axial_snap(12)),
     Check("cantilever against PyElastica", lambda size: rods.cosserat(size.segments), needs="elastica"),
     Check("random loads on the free rod", rods.random_loads),
+    Check("from shapes back to fields", inverse.inverse),
     Check("friction on a straight tract", motion.friction),
     Check("capstan", motion.capstan),
     Check("release force", motion.release_force),

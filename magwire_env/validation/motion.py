@@ -99,7 +99,7 @@ def capstan(size: Size) -> list[Row]:
     """
     bend, turn, mu, drag = 0.05, math.pi, 0.2, 1.0
     tract = straight_then_arc(bend, turn, 0.5, 2.5e-3)
-    wire = Guidewire(0.5, 2.5e-3, 600e3, 1e-6, 1e-3, 50 * size.halvings)
+    wire = Guidewire(0.5, 2.5e-3, 600e3, 1e-3, 1.0, 50 * size.halvings)
     pull = 10e-3
     scenario = bench(
         tract,

@@ -23,10 +23,11 @@ class Size(NamedTuple):
     places: int  # along a tract
     halvings: int  # of a step or a mesh, to observe an order
     seconds: float  # of motion whose energy is watched
+    trips: int  # of every kind from a shape back to the field that makes it
 
 
-FULL = Size(segments=200, directions=1000, samples=200, loads=10_000, places=1601, halvings=4, seconds=10.0)
-TEST = Size(segments=100, directions=100, samples=20, loads=60, places=401, halvings=2, seconds=2.0)
+FULL = Size(segments=200, directions=1000, samples=200, loads=10_000, places=1601, halvings=4, seconds=10.0, trips=200)
+TEST = Size(segments=100, directions=100, samples=20, loads=60, places=401, halvings=2, seconds=2.0, trips=6)
 
 
 @dataclass(frozen=True)
@@ -72,9 +73,10 @@ class Row:
         return "skipped" if self.skipped else "holds" if self.holds else "FAILS"
 
     def cells(self) -> tuple[str, ...]:
-        """The row as the table prints it."""
+        """The row as the table prints it. A bound other than 0 is a threshold of ours, and is named so."""
         unit = f" {self.unit}" if self.unit else ""
-        expected = f"{self.bound} {_number(self.expected)}{unit}".strip()
+        ours_alone = " (ours)" if self.bound and self.expected != 0.0 else ""
+        expected = f"{self.bound} {_number(self.expected)}{unit}{ours_alone}".strip()
         ours = self.skipped or f"{_number(self.ours)}{unit}"
         error = "" if math.isnan(self.error) else f"{self.error:.1e} (≤ {self.tolerance:.0e})"
         return self.quantity, expected, self.source, ours, error, self.verdict

@@ -45,7 +45,7 @@ def force_unit(rod: FreeRod) -> float:
 
 def field_unit(rod: FreeRod) -> float:
     """E·I/(m L), T: the field at which β = 1."""
-    return rod.wire.bending_rigidity / (rod.wire.length * rod.tip.moment)
+    return rod.wire.bending_rigidity / (rod.wire.length * rod.reference_moment)
 
 
 def tip_angle(nodes: np.ndarray) -> float:
@@ -195,7 +195,7 @@ def axial_snap_place(rod: FreeRod, strength: float) -> float:
     drawn out by F/k = d/4, so that the dipole stands at L + 5d/4.
     """
     k = rod.wire.axial_rigidity / LENGTH
-    d = (12 * MU0 * strength * rod.tip.moment / (2 * math.pi * k)) ** 0.2
+    d = (12 * MU0 * strength * rod.reference_moment / (2 * math.pi * k)) ** 0.2
     return LENGTH + 1.25 * d
 
 
@@ -333,6 +333,6 @@ def random_loads(size: Size) -> list[Row]:
     converged, _, worst = sweep(size.loads)
     share = 100 * converged / size.loads
     return [
-        at_least(f"{size.loads} random loads, converged", "%", 99.0, "required", share),
-        at_most("largest unbalanced force among them, of E·I/L²", "", 1e-6, "required", worst),
+        at_least(f"{size.loads} random loads, converged", "%", 99.0, "required of the solver", share),
+        at_most("largest unbalanced force among them, of E·I/L²", "", 1e-6, "required of the solver", worst),
     ]

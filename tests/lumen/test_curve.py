@@ -89,7 +89,7 @@ def test_shapes_follow_those_of_s():
     assert np.array_equal(PAPER.position(0.1), PAPER.position(np.array([0.1]))[0])
 
 
-def test_the_paper_s_tract():
+def test_the_tract_of_the_paper():
     """0.8 m long, 15 mm wide, and of the spiral's smallest bend radius, 37.7 mm (PHYSICS.md section 3).
 
     Two centimetres from the inner end, where the spline comes off its free end, it is 37.3 mm.

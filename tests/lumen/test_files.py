@@ -195,7 +195,7 @@ def test_dense_jitter_is_thinned_and_smoothed_on_request(tmp_path):
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.floats(1.0, 9.0), min_size=5, max_size=80), st.floats(1.0, 30.0))
-def test_thinning_keeps_some_of_the_file_s_points(tmp_path_factory, steps, spacing):
+def test_thinning_keeps_some_points_of_the_file(tmp_path_factory, steps, spacing):
     along = np.r_[0.0, np.cumsum(steps)]
     xyz = np.stack([along, 20 * np.sin(along / 200), 0 * along], axis=1)
     path = write(tmp_path_factory.mktemp("thin"), "line.csv", csv_text(xyz))

@@ -37,7 +37,7 @@ def paper_field(m1: np.ndarray, d: np.ndarray) -> np.ndarray:
 
 @settings(deadline=None, derandomize=True, max_examples=30)
 @given(RNG_SEEDS)
-def test_field_force_and_torque_are_the_paper_s_sums(seed):
+def test_field_force_and_torque_are_the_sums_of_the_paper(seed):
     rng = np.random.default_rng(seed)
     cloud, points, moments = random_cloud(rng, 7), random_points(rng, 5), rng.normal(size=(5, 3))
     b, f = np.zeros((5, 3)), np.zeros((5, 3))

@@ -44,7 +44,7 @@ def worst_error(rule: str, n, distance: float) -> float:
 # --- moments ----------------------------------------------------------------------------------------------------------
 
 
-def test_moments_of_the_paper_s_magnets():
+def test_moments_of_the_magnets_of_the_paper():
     assert BLOCK.moment == pytest.approx(135.620, abs=5e-4)
     assert TIP.moment == pytest.approx(0.010275, abs=5e-7)
     assert BLOCK.moment == pytest.approx(1.3 * EDGE**3 / MU0, rel=1e-15)
@@ -62,7 +62,7 @@ def test_mass_and_reach():
 
 @pytest.mark.parametrize("magnet", [BLOCK, TIP, PointDipole(0.3), BlockMagnet((0.01, 0.02, 0.03), 1.0)])
 @pytest.mark.parametrize("rule", [("grid", 6), ("grid", (3, 4, 5)), ("gauss", 1), ("gauss", 5), ("gauss", (2, 3, 4))])
-def test_every_cloud_has_the_magnet_s_moment_and_centre(magnet, rule):
+def test_every_cloud_has_moment_and_centre_of_the_magnet(magnet, rule):
     cloud = magnet.dipoles(*rule)
     assert np.allclose(cloud.moments.sum(axis=0), [0, 0, magnet.moment], rtol=1e-13, atol=1e-14 * magnet.moment)
     assert (cloud.moments[:, :2] == 0).all()
@@ -206,7 +206,7 @@ def test_cheapest_rule_of_a_point_and_of_a_magnet_that_touches():
 
 
 @pytest.mark.parametrize("rule", [("gauss", 8), ("grid", (40, 40, 30))])
-def test_cylinder_cloud_has_the_cylinder_s_field(rule):
+def test_a_cylinder_cloud_has_the_field_of_the_cylinder(rule):
     magnet = CylinderMagnet(0.02, 0.03, 1.2)
     exact = magpylib.magnet.Cylinder(dimension=(0.02, 0.03), polarization=(0, 0, 1.2))
     points = 0.04 * directions(60)

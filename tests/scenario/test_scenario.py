@@ -85,14 +85,14 @@ def test_every_number_of_the_paper():
     assert (PAPER.contact.lever, PAPER.contact.lever_friction) == (10e-3, False)
 
 
-def test_the_paper_s_2000_dipoles_can_be_had():
+def test_the_2000_dipoles_of_the_paper_can_be_chosen():
     grid = PAPER.replace(rig=Rig((dataclasses.replace(PAPER.rig.magnets[0], dipoles=("grid", [10, 10, 20])),)))
     mount = grid.rig.magnets[0]
     assert mount.dipoles == ("grid", (10, 10, 20))
     assert len(mount.magnet.dipoles(*mount.dipoles)) == 2000
 
 
-def test_the_magnet_s_distance_is_a_parameter():
+def test_the_distance_of_the_magnet_is_a_parameter():
     s = np.linspace(0.0, 0.8, 8001)
     for distance, to, expected in ((0.08, "centre", 0.08), (0.07, "face", 0.0954), (0.2, "centre", 0.2)):
         mount = Scenario.paper(distance, to).rig.magnets[0]

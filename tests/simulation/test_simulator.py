@@ -120,7 +120,7 @@ def test_load_state_goes_back_in_time():
     assert future(other) == first
 
 
-def test_a_single_lane_s_state_can_be_loaded_alone():
+def test_the_state_of_a_single_lane_can_be_loaded_alone():
     sim = moved()
     early = sim.state([1])
     sim.step(np.full((3, 1), 2.0))
@@ -182,7 +182,7 @@ def test_rollout_shares_plans_and_drops_the_axis_of_a_single_wire():
     assert np.array_equal(single.tip_arclength, shared.tip_arclength[1])
 
 
-def test_rollout_follows_each_lane_s_own_scenario():
+def test_rollout_follows_the_own_scenario_of_each_lane():
     others = [PAPER, PAPER.replace(contact__friction=0.2, wire__segments=9), PAPER.replace(coupling="wrench")]
     sim = Simulator(others)
     sim.reset(tip_arclength=0.4)

@@ -69,7 +69,7 @@ def test_travel_near_stick_slip_at_the_default_step(ratio, speed, travel, allowe
 
 @pytest.mark.parametrize("friction", [0.02, 0.1, 0.49, 1.5])
 @pytest.mark.parametrize("after", [0.5, 0.9])
-def test_pushed_and_let_go_under_the_paper_s_drag(friction, after):
+def test_pushed_and_let_go_under_the_drag_of_the_paper(friction, after):
     """A second at 1.5 μ n, then one at less: within 1 % of the whole travel, at the default step."""
     pushed, held = (incline(r * friction, friction, drag=0.5) for r in (1.5, after))
     first, speed = slide(pushed, 0.0, 1.0)
@@ -80,7 +80,7 @@ def test_pushed_and_let_go_under_the_paper_s_drag(friction, after):
 
 @pytest.mark.parametrize("ratio", [1.1, 1.5])
 @pytest.mark.parametrize("friction", [0.1, 0.49, 1.5])
-def test_from_rest_under_the_paper_s_drag(ratio, friction):
+def test_from_rest_under_the_drag_of_the_paper(ratio, friction):
     scenario = incline(ratio * friction, friction, drag=0.5)
     assert slide(scenario, 0.0, 1.0)[0] == pytest.approx(exact(scenario, 0.0, 1.0)[0], rel=0.03)
 

@@ -2,7 +2,6 @@
 
 import functools
 import math
-import re
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +13,9 @@ from magwire_env.scenario import Contact, Scenario
 from magwire_env.simulation import drive_at
 from magwire_env.validation import CHECKS, TEST, Check, Row, claims, table
 from magwire_env.validation.motion import bench, straight_then_arc, tip_energy
+from magwire_env.validation.page import without_numbers
 from magwire_env.validation.report import at_least, at_most
 from magwire_env.validation.rods import force_unit
-
-
-def without_numbers(quantity: str) -> str:
-    return re.sub(r"[-\d.]+", "#", quantity)
 
 
 @functools.cache

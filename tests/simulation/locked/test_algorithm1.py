@@ -141,7 +141,7 @@ def test_work_round_a_closed_tract():
 
 
 @pytest.mark.parametrize("segments", [16, 120])
-def test_springs_and_joints_pull_down_the_energy_s_slope(segments):
+def test_springs_and_joints_pull_down_the_slope_of_the_energy(segments):
     """Every node's force is −∂E/∂s_i of the springs', the joints' ½ k φ² and the half cells' at the ends.
 
     For wires at rest and for wires with each joint out of its place by a hundredth of a segment. The mesh must not
@@ -261,7 +261,7 @@ def test_friction_opposes_motion_by_mu_times_the_lateral_load():
         assert np.allclose(ours, -mu * normal * v / math.hypot(v, 1e-4), rtol=2e-4, atol=0)
 
 
-def test_the_tip_s_couple_rubs_only_with_lever_friction():
+def test_the_couple_of_the_tip_rubs_only_with_lever_friction():
     scenario = PAPER.replace(contact__drag=0.0, contact__friction=0.1)
     s, v = at_rest(scenario, 0.4), 0.05
     slick, levered = scenario.replace(contact__friction=0.0), scenario.replace(contact__lever_friction=True)
@@ -273,7 +273,7 @@ def test_the_tip_s_couple_rubs_only_with_lever_friction():
     assert sim.wall_force[0] >= 5 * sim.lateral_force[0]
 
 
-def test_a_rope_round_a_bend_grows_taut_by_capstan_s_law():
+def test_a_rope_round_a_bend_obeys_the_capstan_equation():
     """T2/T1 = e^{μφ}, without bending stiffness, as the mesh gets finer: 0.21 % off with 60 segments.
 
     A light rope lies straight and round half a turn; a heavy tip hangs off the other end and pulls it through. Drag in
