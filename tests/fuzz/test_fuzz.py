@@ -19,7 +19,7 @@ DOC = Path(__file__).parents[2] / "docs" / "reliability.md"
 
 
 def test_steps_in_registered_tasks_and_random_scenarios():
-    seen = steps.fuzz(20_000, seed=11, lanes=64, spreads=("near", "far"), show=False)
+    seen = steps.fuzz(70_000, seed=11, lanes=64, spreads=("near", "far"), show=False)
     assert seen["lane steps"] >= 20_000
     assert seen["batches"] >= 2
 
