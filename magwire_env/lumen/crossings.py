@@ -9,7 +9,8 @@ from numba import njit
 
 __all__ = ["crossing_faces"]
 
-_JIT: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+# Not cached on disk: the cache of Numba alone served code of another build (a test of the crease failed with it).
+_JIT: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
 _MOST = 64
 """Pairs reported; more say no more."""

@@ -15,7 +15,8 @@ CHUNK = 8
 KEPT = 6
 """Branches kept for each point, the deepest first."""
 
-_JIT: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+# Not cached on disk: the cache of Numba alone served code of another build (a test of the crease failed with it).
+_JIT: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
 
 @njit(**_JIT)
