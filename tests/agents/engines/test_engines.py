@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 import threading
 import time
@@ -38,6 +39,7 @@ def test_a_task_waits_for_those_it_needs_even_if_they_fail():
         run(LocalEngine(1), [Task("a", square, (1,), frozenset({"a"}))], progress=False)
 
 
+@pytest.mark.skipif("PYTEST_XDIST_WORKER" in os.environ, reason="Ctrl-C goes astray under -n: run it without")
 def test_an_interrupt_ends_the_workers():
     before = set(multiprocessing.active_children())
 

@@ -301,7 +301,7 @@ def test_a_signal_saves_and_resume_goes_on(kind, tmp_path):
         time.sleep(0.1)
     time.sleep(1.0)
     os.kill(process.pid, kind)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=240)
     assert process.returncode == 0, err.decode()
     assert b"interrupted and saved" in out
     checkpoint = Checkpoints(folder).newest()
