@@ -11,7 +11,7 @@ VENV   := .venv
 PY     := $(VENV)/bin/python
 PIP    := $(PY) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: train shell docs test lint bench pictures floors clean
+.PHONY: train shell docs test lint bench pictures floors floors-core clean
 
 train: $(VENV)/train.stamp
 	$(PY) train.py $(ARGS)
@@ -42,10 +42,12 @@ pictures: $(VENV)/test.stamp
 	$(PY) -m agents.cli.pictures docs/pictures
 
 # The lowest versions that pyproject.toml allows, first the core without extras.
-floors:
+floors-core:
 	rm -rf $(VENV)-floor && $(PYTHON) -m venv $(VENV)-floor
 	$(VENV)-floor/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints-floor.txt .
 	cd tests && ../$(VENV)-floor/bin/python -P floors.py
+
+floors: floors-core
 	$(VENV)-floor/bin/python -m pip install --quiet --disable-pip-version-check torch==2.13.0
 	$(VENV)-floor/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints-floor.txt '.[train]'
 	cd tests && ../$(VENV)-floor/bin/python -P floors.py --train
