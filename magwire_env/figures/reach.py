@@ -2,77 +2,111 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from ..plotting import BLUE, GREEN, GREY, ORANGE, blank
-from ..quasistatic.reach import READINGS, Reach, drives, recorded
+from ..quasistatic.reach import Drive, Reach, distance, drives, recorded
+from ..quasistatic.rigs import RIGS
 from .page import Page
 
 __all__ = ["claims_reach"]
 
-_SHORT = {
-    "one magnet, one axis": "one magnet,\none axis",
-    "one magnet, two axes": "one magnet,\ntwo axes",
-    "two magnets, one axis each": "two magnets",
-    "one magnet that follows, one axis": "following\nmagnet",
+_SHORT = ("one magnet,\none axis", "one magnet,\ntwo axes", "two magnets,\none axis each", "one magnet\nthat follows")
+"""The names of `RIGS`, in two lines."""
+
+_COLOURS = {
+    ("force", "centre"): BLUE,
+    ("wrench", "centre"): ORANGE,
+    ("force", "face"): GREEN,
+    ("wrench", "face"): GREY,
 }
+"""By coupling and by what the 7 cm end at."""
 
 
 def claims_reach() -> Page:
-    """Shares of tracts by rig; drive and torque along the paper's tract."""
+    """Tracts that are passed, by rig; drive and torque along the paper's tract."""
     reaches, found = recorded(), drives()
     kinds = list(dict.fromkeys(row.tracts for row in reaches))
-    figure, axes = blank(1, 3, (9.9, 4.2), width_ratios=(1, 1, 1.1))
-    for panel, kind in zip(axes, kinds, strict=False):
-        _shares(panel, [row for row in reaches if row.tracts == kind], kind)
-    axes[0].legend(loc="upper left", fontsize=7)
-    axes[0].set_ylabel(f"of {reaches[0].number} tracts, passed both ways (%)")
-    panel, twin = axes[2], axes[2].twinx()
-    for coupling, colour, mark in (("force", BLUE, "o"), ("wrench", ORANGE, "s")):
-        rows = [row for row in found if row.coupling == coupling]
-        x = np.arange(len(rows))
-        panel.plot(x, [1e3 * row.least for row in rows], mark, ls="-", color=colour, label=f"least drive, {coupling}")
-        twin.plot(
-            x, [1e3 * row.torque for row in rows], mark, ls=":", color=colour, mfc="none", label=f"torque, {coupling}"
-        )
-    panel.set(title="Along the paper's tract", ylabel="least drive (mN)", ylim=(0, None))
-    twin.set(ylabel="median torque on the tip (mN·m)", ylim=(0, 1.0))
-    twin.grid(False)
-    panel.set_xticks(range(len(_SHORT)), list(_SHORT.values()), fontsize=7)
-    lines, other = panel.get_legend_handles_labels(), twin.get_legend_handles_labels()
-    panel.legend(lines[0] + other[0], lines[1] + other[1], fontsize=7, loc="upper left")
-    counts: dict[str, list] = {
-        name: [getattr(row, name) for row in reaches] for name in ("number", "forward", "back", "both", "weakest")
-    }
-    numbers: dict[str, list] = {
+    figure, axes = blank(2, 2, (9.4, 6.4), height_ratios=(1.15, 1))
+    for panel, kind in zip(axes[0], kinds, strict=True):
+        rows = [row for row in reaches if row.tracts == kind]
+        _counts(panel, rows)
+        panel.set(title=f"Generated tracts, {kind}", ylim=(0, rows[0].number))
+    axes[0, 0].set_ylabel(f"of {reaches[0].number} tracts, passed both ways")
+    axes[0, 0].legend(loc="upper left")
+    _drives(axes[1, 0], found)
+    _torques(axes[1, 1], found)
+    for panel in axes.flat:
+        panel.set_xticks(range(len(_SHORT)), _SHORT, fontsize=7.5)
+        panel.grid(False, axis="x")
+    return Page(figure, {"tracts": _tract_columns(reaches, kinds), "paper": _paper_columns(found)})
+
+
+def _bars(panel: Any, values: Sequence[float], place: float, width: float, form: str, **look: Any) -> None:
+    """A bar for each rig, `place` beside the rig's middle, with its number above it."""
+    bars = panel.bar(np.arange(len(values)) + place, values, width, **look)
+    panel.bar_label(bars, fmt=form, fontsize=6.5)
+
+
+def _counts(panel: Any, rows: Sequence[Reach]) -> None:
+    for i, ((coupling, reading), colour) in enumerate(_COLOURS.items()):
+        both = [row.both for row in rows if (row.coupling, row.reading) == (coupling, reading)]
+        label = f"{coupling}, 7 cm to the {reading}"
+        _bars(panel, both, 0.21 * (i - 1.5), 0.2, "%d", color=colour, label=label)
+
+
+def _drives(panel: Any, found: Sequence[Drive]) -> None:
+    for i, coupling in enumerate(("force", "wrench")):
+        least = [1e3 * row.least for row in found if row.coupling == coupling]
+        colour = _COLOURS[coupling, "centre"]
+        _bars(panel, least, 0.4 * (i - 0.5), 0.38, "%.1f", color=colour, label=f"{coupling}, 7 cm to the centre")
+    panel.set(title="The paper's tract: least drive along it", ylabel="drive (mN)", ylim=(0, 11))
+    panel.legend(loc="upper left")
+
+
+def _torques(panel: Any, found: Sequence[Drive]) -> None:
+    for i, coupling in enumerate(("force", "wrench")):
+        rows, colour = [row for row in found if row.coupling == coupling], _COLOURS[coupling, "centre"]
+        greatest, spared = ([1e3 * getattr(row, name) for row in rows] for name in ("torque", "spared"))
+        look = {"color": colour, "label": f"{coupling}, at the greatest drive"}
+        _bars(panel, greatest, 0.42 * (i - 0.5) - 0.1, 0.19, "%.2f", **look)
+        look = {
+            "color": "white",
+            "edgecolor": colour,
+            "hatch": "////",
+            "label": f"{coupling}, at the first rig's drive",
+        }
+        _bars(panel, spared, 0.42 * (i - 0.5) + 0.1, 0.19, "%.2f", **look)
+    panel.set(title="The paper's tract: torque on the tip", ylabel="median torque (mN·m)", ylim=(0, 0.85))
+    panel.legend(loc="upper left", ncols=2, fontsize=7.5)
+
+
+def _tract_columns(reaches: Sequence[Reach], kinds: Sequence[str]) -> dict[str, list[float]]:
+    """The record in numbers: `kind` and `rig` count from 0 in the order of the record."""
+    names = list(RIGS)
+    columns: dict[str, list[float]] = {
         "kind": [kinds.index(row.tracts) for row in reaches],
-        "distance_m": [READINGS[row.reading] for row in reaches],
-        "rig": [list(_SHORT).index(row.rig) for row in reaches],
+        "distance_m": [distance(row.reading) for row in reaches],
+        "rig": [names.index(row.rig) for row in reaches],
         "wrench": [float(row.coupling == "wrench") for row in reaches],
     }
-    along: dict[str, list] = {
-        "rig": [list(_SHORT).index(row.rig) for row in found],
+    units = {"number": "number", "forward": "forward", "back": "back", "both": "both", "weakest": "weakest_N"}
+    return columns | {heading: [getattr(row, name) for row in reaches] for name, heading in units.items()}
+
+
+def _paper_columns(found: Sequence[Drive]) -> dict[str, list[float]]:
+    names = list(RIGS)
+    columns: dict[str, list[float]] = {
+        "rig": [names.index(row.rig) for row in found],
         "wrench": [float(row.coupling == "wrench") for row in found],
-        "least_drive_N": [row.least for row in found],
-        "median_drive_N": [row.median for row in found],
-        "median_torque_Nm": [row.torque for row in found],
     }
-    return Page(figure, {"tracts": numbers | counts, "paper": along})
-
-
-def _shares(panel, rows: list[Reach], kind: str) -> None:
-    """Bars by rig: both couplings, both readings of 7 cm."""
-    styles = {
-        ("force", "centre"): (BLUE, "7 cm to the centre, force"),
-        ("wrench", "centre"): (ORANGE, "7 cm to the centre, wrench"),
-        ("force", "face"): (GREEN, "7 cm to the face, force"),
-        ("wrench", "face"): (GREY, "7 cm to the face, wrench"),
+    units = {
+        "least": "least_drive_N",
+        "median": "median_drive_N",
+        "torque": "median_torque_Nm",
+        "spared": "spared_torque_Nm",
     }
-    x = np.arange(len(_SHORT))
-    for i, ((coupling, reading), (colour, label)) in enumerate(styles.items()):
-        own = [row for row in rows if (row.coupling, row.reading) == (coupling, reading)]
-        shares = [100 * row.both / row.number for row in own]
-        bars = panel.bar(x + 0.2 * (i - 1.5), shares, 0.19, color=colour, label=label)
-        panel.bar_label(bars, fmt="%.0f", fontsize=6)
-    panel.set(title=f"Generated tracts, {kind}", ylim=(0, 105))
-    panel.set_xticks(x, list(_SHORT.values()), fontsize=7)
+    return columns | {heading: [getattr(row, name) for row in found] for name, heading in units.items()}

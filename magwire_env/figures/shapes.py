@@ -16,7 +16,7 @@ from .page import Page
 
 __all__ = ["wanted_shapes"]
 
-_SPAN = ((-0.04, 0.23), (-0.185, 0.205))
+_SPAN = ((-0.06, 0.24), (-0.21, 0.21))
 """What a panel shows along x and z, m."""
 
 
@@ -52,9 +52,10 @@ def columns(segments: int) -> dict[str, _Column]:
 
 
 def wanted(segments: int, length: float) -> dict[str, np.ndarray]:
-    """The wanted courses in the x–z plane, (nodes, 3) m: an arc of a circle, and an S that ends as it began."""
+    """The wanted courses in the x–z plane, (nodes, 3) m: a bend that eases towards the tip, and an S that ends as it
+    began."""
     s = (np.arange(segments) + 0.5) / segments
-    angles = {"arc": math.radians(60) * s, "S": math.radians(30) * np.sin(math.pi * s)}
+    angles = {"bend": math.radians(45) * np.sin(0.5 * math.pi * s), "S": math.radians(30) * np.sin(math.pi * s)}
     out = {}
     for name, angle in angles.items():
         steps = np.stack([np.cos(angle), 0 * angle, np.sin(angle)], axis=1) * length / segments

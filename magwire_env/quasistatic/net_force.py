@@ -21,7 +21,10 @@ from ..simulation.model import require
 
 __all__ = ["COARSE", "FINE", "OBJECTIVES", "Search", "TipForces", "greatest", "search"]
 
-OBJECTIVES = ("net", "drive")
+OBJECTIVES = ("net", "drive", "torque")
+
+_SHORT = 10.0
+"""What a drive short of its floor weighs against torque, m: more than any rig's torque falls by its drive."""
 
 _LANES_AT_ONCE = 16384
 
@@ -62,7 +65,8 @@ class TipForces:
     library : the scenarios
     entries, arclengths : (n,) scenario and tip position of every place, m
     direction : +1 forward, −1 backward
-    objective : ``"net"``, or ``"drive"`` for the force before friction
+    objective : ``"net"``, ``"drive"`` for the force before friction, or ``"torque"`` for as little magnetic torque on
+        the tip as a drive of at least `floor` (n,) N allows
     """
 
     def __init__(
@@ -72,9 +76,13 @@ class TipForces:
         arclengths: np.ndarray,
         direction: float = 1.0,
         objective: str = "net",
+        floor: np.ndarray | None = None,
     ) -> None:
         if objective not in OBJECTIVES:
             raise ValueError(f"objective must be one of {', '.join(OBJECTIVES)}, got {objective!r}")
+        if (floor is not None) != (objective == "torque"):
+            raise ValueError(f"floor (in N) must be given with the objective 'torque' and no other, got {floor!r}")
+        self._floor = floor
         self.library, self.entries, self.n = library, entries, len(entries)
         self.direction, self._net = (1.0 if direction >= 0 else -1.0), objective == "net"
         require(library.scenarios[0], "quasistatic", "the net force on a tip")
@@ -90,10 +98,16 @@ class TipForces:
         self._across = (weight - self.direction * self._along[:, None] * tangent) if weight.any() else None
 
     def force(self, commands: np.ndarray) -> np.ndarray:
-        """Drive less the tip's friction (or the drive alone) along the motion: commands (n, dof) rad and m → (n,) N."""
+        """What is made greatest: commands (n, dof) rad and m → (n,).
+
+        N, the drive along the motion, less the tip's friction unless the objective is "drive"; or N·m, less than zero,
+        the torque and what the drive lacks.
+        """
         sim = self._sim
         sim.set_rig(commands)
         drive = self.direction * sim.drive_force
+        if self._floor is not None:
+            return _SHORT * np.minimum(drive - self._floor, 0.0) - sim.tip_torque
         if not self._net:
             return drive
         lateral = sim.lateral_force
@@ -137,6 +151,7 @@ def search(
     direction: float,
     objective: str,
     how: Search = COARSE,
+    floor: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """As `greatest`, each place for itself: turns are not joined along the tract.
 
@@ -146,13 +161,14 @@ def search(
     n, dof = len(entries), library.dof
     best, force = np.empty((n, dof)), np.empty(n)
     for part in _parts(entries):
-        own, at = entries[part], arclengths[part]
+        own, at, least = entries[part], arclengths[part], None if floor is None else floor[part]
         edges = _edges(own)
         rank = np.arange(len(own)) - np.repeat(edges[:-1], np.diff(edges))
         tried = np.flatnonzero(rank % how.skip == 0)
-        found = _grid_search(TipForces(library, own[tried], at[tried], direction, objective), how)
+        some = None if least is None else least[tried]
+        found = _grid_search(TipForces(library, own[tried], at[tried], direction, objective, some), how)
         start = found[(rank % how.skip == 0).cumsum() - 1]
-        best[part], force[part] = _pattern_search(TipForces(library, own, at, direction, objective), start, how)
+        best[part], force[part] = _pattern_search(TipForces(library, own, at, direction, objective, least), start, how)
     return best, force
 
 

@@ -72,11 +72,19 @@ def reach_tables(reaches: Sequence[Reach], found: Sequence[Drive]) -> str:
         for r in reaches
     ]  # fmt: skip
     first = format_table(head, lines, markdown=True)
-    head = ("rig, on the paper's tract", "coupling", "least drive", "median drive", "median torque")
+    head = (
+        "rig, on the paper's tract",
+        "coupling",
+        "least drive",
+        "median drive",
+        "median torque",
+        "the same at the drive of the first rig",
+    )
     rows: list[tuple[str, ...]] = [
-        (d.rig, f"`{d.coupling}`", f"{1e3 * d.least:.1f} mN", f"{1e3 * d.median:.1f} mN", f"{1e3 * d.torque:.2f} mN·m")
+        (d.rig, f"`{d.coupling}`", f"{1e3 * d.least:.1f} mN", f"{1e3 * d.median:.1f} mN", f"{1e3 * d.torque:.2f} mN·m",
+         f"{1e3 * d.spared:.2f} mN·m")
         for d in found
-    ]
+    ]  # fmt: skip
     return f"{first}\n\n{format_table(head, rows, markdown=True)}"
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from agents.cli.main import main
 from magwire_env.physics import PointDipole, field, force
+from magwire_env.quasistatic.reach import distance, recorded
 from magwire_env.scenario import Scenario
 from magwire_env.simulation import drive_at
 from magwire_env.validation.rods import make_rod
@@ -18,7 +19,7 @@ pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 
 import matplotlib.image
 
-from magwire_env.figures import FIGURES, draw
+from magwire_env.figures import FIGURES, draw, shapes
 
 TIP = Scenario.paper().tip
 
@@ -132,6 +133,46 @@ def test_figure_8_is_the_drive_under_both_couplings(folder):
     np.testing.assert_allclose(wrench, data["wrench_N"][rows], rtol=1e-5, atol=1e-9)
     assert (data["best_wrench_N"] >= data["wrench_N"] - 1e-9).all()
     assert 0.1 < (data["wrench_N"] < 0).mean() < 0.3
+
+
+@pytest.mark.parametrize("case", ["one_magnet", "two_magnets", "magnetised_tip"])
+@pytest.mark.parametrize("shape", ["bend", "S"])
+def test_figure_9_shows_wanted_shapes_and_how_far_off_they_are(folder, case, shape):
+    name = f"figure9_wanted_shapes_{case}_{shape}.csv"
+    data, commands = read(folder / name), read(folder / "figure9_wanted_shapes_commands.csv")
+    off = np.hypot(data["x_m"] - data["wanted_x_m"], data["z_m"] - data["wanted_z_m"])
+    assert commands[f"{case}_{shape}_distance_m"][0] == pytest.approx(off.max(), rel=1e-5)
+    reached = commands[f"{case}_{shape}_reached"][0]
+    assert reached == float(off.max() < 1e-3)
+    assert reached == float((case, shape) != ("magnetised_tip", "S"))
+
+
+def test_figure_9_holds_the_command_that_bends_the_rod(folder):
+    data = read(folder / "figure9_wanted_shapes_one_magnet_bend.csv")
+    commands = read(folder / "figure9_wanted_shapes_commands.csv")
+    case = shapes.columns(len(data["x_m"]) - 1)["one_magnet"]
+    x, z, angle = (
+        commands[f"one_magnet_bend_{knob}"][0]
+        for knob in ("slide_x_of_magnet_0_m", "slide_z_of_magnet_0_m", "turn_y_of_magnet_0_rad")
+    )
+    (mount,) = case.rig.magnets
+    c, s = np.cos(angle), np.sin(angle)
+    place = np.array(mount.position) + [x, 0.0, z]
+    cloud = mount.magnet.dipoles(*mount.dipoles).moved(np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]), place)
+    nodes = case.rod.equilibrium(cloud)
+    np.testing.assert_allclose(nodes[:, 0], data["x_m"], atol=1e-6)
+    np.testing.assert_allclose(nodes[:, 2], data["z_m"], atol=1e-6)
+
+
+def test_figure_10_is_the_record_and_what_the_rigs_do(folder):
+    tracts, paper = (read(folder / f"figure10_reach_{name}.csv") for name in ("tracts", "paper"))
+    rows = recorded()
+    assert tracts["both"].tolist() == [row.both for row in rows]
+    assert tracts["distance_m"].tolist() == pytest.approx([distance(row.reading) for row in rows])
+    force = paper["wrench"] == 0
+    assert paper["rig"][force].tolist() == [0, 1, 2, 3]
+    assert (np.diff(paper["least_drive_N"][force]) > 0).all()
+    assert (paper["spared_torque_Nm"] <= paper["median_torque_Nm"]).all()
 
 
 def test_the_page_on_physics_shows_every_figure():

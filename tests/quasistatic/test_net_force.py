@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from magwire_env.quasistatic.net_force import TipForces, greatest
+from magwire_env.quasistatic.net_force import FINE, TipForces, greatest, search
 from magwire_env.quasistatic.pool import candidates
 from magwire_env.scenario import Rig, Scenario, Turn
-from magwire_env.simulation import Library, best_command
+from magwire_env.simulation import Library, Simulator, best_command, drive_at
 
 PAPER = Scenario.paper()
 
@@ -72,5 +72,26 @@ def test_the_coarse_search_of_tables_comes_near_the_fine_one_of_figure_7(directi
 
 
 def test_a_bad_objective_is_refused():
-    with pytest.raises(ValueError, match="objective must be one of net, drive"):
-        greatest([PAPER], np.zeros(1, dtype=np.int64), np.array([0.3]), objective="torque")
+    with pytest.raises(ValueError, match="objective must be one of net, drive, torque, got 'speed'"):
+        greatest([PAPER], np.zeros(1, dtype=np.int64), np.array([0.3]), objective="speed")
+
+
+def test_least_torque_at_a_floor_of_the_drive_is_that_of_trying_all_angles():
+    places = np.linspace(0.1, 0.79, 8)
+    entries, library = np.zeros(len(places), dtype=np.int64), Library([PAPER])
+    floor = 0.6 * best_command(PAPER, places)[1]
+    commands, value = search(library, entries, places, 1.0, "torque", FINE, floor)
+    assert (drive_at(PAPER, commands, places) >= floor - 1e-9).all()
+    angles = np.linspace(0, 2 * np.pi, 3601)
+    least = np.full(len(places), np.inf)
+    sim = Simulator(PAPER, num_envs=len(angles))
+    for i, s in enumerate(places):
+        sim.reset(tip_arclength=s, magnet=angles[:, None])
+        least[i] = sim.tip_torque[sim.drive_force >= floor[i]].min()
+    np.testing.assert_allclose(-value, least, rtol=2e-3)
+
+
+@pytest.mark.parametrize(("objective", "floor"), [("torque", None), ("drive", np.zeros(1)), ("net", np.zeros(1))])
+def test_a_floor_of_the_drive_belongs_to_least_torque_alone(objective, floor):
+    with pytest.raises(ValueError, match="floor \\(in N\\) must be given with the objective 'torque' and no other"):
+        TipForces(Library([PAPER]), np.zeros(1, dtype=np.int64), np.array([0.2]), objective=objective, floor=floor)
