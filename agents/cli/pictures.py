@@ -20,7 +20,7 @@ from agents.evaluation.episodes import EVALUATION_SEED, built, episodes
 from magwire_env.plotting import BLACK, BLUE, GREEN, ORANGE, RED, SKY, blank, broken, styled
 from magwire_env.render.dofs import dofs_of
 from magwire_env.render.extra import need
-from magwire_env.render.paint import DRIVE, INK, NORTH, PAPER, SOUTH, TARGET, load_colour
+from magwire_env.render.paint import DRIVE, INK, NORTH, SOUTH, TARGET, load_colour
 from magwire_env.render.panels import drive_name, map_limit, map_name, map_of
 from magwire_env.render.snapshot import Snapshot, snapshots
 
@@ -87,7 +87,7 @@ def film(policy: Any, path: Path, task: str, seed: int = EVALUATION_SEED, speed:
     for _ in episodes(env, built(policy, env), observation):
         frames.append(np.asarray(env.render()))
     if speed != 1:
-        frames = [_stamped(frame, f"{speed:g} × speed") for frame in frames]
+        frames = [_stamped(frame, f"{speed:g}x speed") for frame in frames]
     fps = speed * env.metadata["render_fps"]
     env.close()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -102,14 +102,12 @@ def film(policy: Any, path: Path, task: str, seed: int = EVALUATION_SEED, speed:
 
 
 def _stamped(frame: np.ndarray, text: str) -> np.ndarray:
-    """A frame with a text in its lower right corner."""
+    """A frame with a text in its upper right corner, which a film leaves free."""
     image, draw = need("PIL.Image", "a film that says its speed"), need("PIL.ImageDraw", "a film that says its speed")
     picture = image.fromarray(frame)
     pen = draw.Draw(picture)
-    _, top, right, bottom = pen.textbbox((0, 0), text, font_size=15)
-    corner = picture.width - right - 12, picture.height - bottom - 10
-    pen.rectangle([corner[0] - 6, corner[1] + top - 4, picture.width - 6, picture.height - 6], fill=PAPER)
-    pen.text(corner, text, fill=INK, font_size=15)
+    size = frame.shape[0] / 40
+    pen.text((picture.width - 8, 4), text, fill=INK, font_size=size, anchor="ra")
     return np.asarray(picture)
 
 
