@@ -43,14 +43,19 @@ from .controllers import (
     Random,
 )
 from .env_kwargs import parsed, world
+from .par.held import BestConstant, BestConstantEach, HoldHome
 from .par.optimal import Optimal
 from .policies import own_policy
 
 __all__ = ["CONTROLLERS", "FLOORS", "PAR", "REFERENCE", "Entrant", "controller", "register_controller", "resolve"]
 
 CONTROLLERS: dict[str, type[Controller]] = {
-    c.__name__: c for c in (MaxForce, NetForce, ExtremumSeeking, PD, MPPI, Optimal, ConstantRotation, Random)
-}
+    c.__name__: c
+    for c in (
+        MaxForce, NetForce, ExtremumSeeking, PD, MPPI, Optimal,
+        HoldHome, BestConstant, BestConstantEach, ConstantRotation, Random,
+    )
+}  # fmt: skip
 """Name → class. `register_controller` adds to it."""
 
 PAR = Optimal.__name__

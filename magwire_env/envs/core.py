@@ -142,18 +142,26 @@ class SteeringCore:
         if kind.follows:
             times = sim.control_period * np.arange(self.episodes.reference.shape[1])
             reference = kind.reference(self.task, sim.library, entries, drawn[:, : kind.draws], times)
-        self.begin_at(lanes, start, goal, magnet, reference)
+        final = kind.final(self.task, sim.library, entries) if kind.returns else None
+        self.begin_at(lanes, start, goal, magnet, reference, final)
         self._readings.begin(lanes, rngs)
 
     def begin_at(
-        self, lanes: np.ndarray, start: Places, goal: Places, magnet: np.ndarray, reference: np.ndarray | None = None
+        self,
+        lanes: np.ndarray,
+        start: Places,
+        goal: Places,
+        magnet: np.ndarray,
+        reference: np.ndarray | None = None,
+        final: np.ndarray | None = None,
     ) -> None:
         """Start episodes in `lanes` (n,) with the tips at `start`, the rig at `magnet` (n, dof), as they are given.
 
         reference : (n, steps) m, of a tracking task
+        final : (n,) m, of a task that comes back
         """
         self.sim.lay(lanes, start, magnet, goal)
-        self.episodes.begin(lanes, reference)
+        self.episodes.begin(lanes, reference, final)
         self.action[lanes] = 0.0
 
     def _vary(self, lanes: np.ndarray, entries: np.ndarray, rngs: Sequence[np.random.Generator]) -> None:
@@ -183,7 +191,7 @@ class SteeringCore:
             raise ValueError(f"options must be of {', '.join(OPTIONS)}; got {min(unknown)!r}")
         if not set(options) <= set(kind.takes):
             raise ValueError(
-                f"options must be of {', '.join(kind.takes)} alone in a tracking task, whose reference says the rest"
+                f"options must be of {', '.join(kind.takes)} alone in the task {self.task.id}, which fixes the rest"
             )
         end = self.sim.library.tract_length[entries]
         tip, target = start.s, goal.s
@@ -241,6 +249,8 @@ class SteeringCore:
                 f"{sim.travelled[diverged]} m. Its numbers cannot be integrated with "
                 f"{sim.library.substeps} steps in a control period of {sim.control_period:g} s"
             )
+        if task.kind.returns:
+            episodes.turn_back(values[VALUE.turned, : sim.num_envs])
         if self.reward_terms:
             self.action[:] = action
             self._add_terms(values)
@@ -307,6 +317,8 @@ class SteeringCore:
             summary[name] = summary[name].astype(np.int64)
         if not kind.follows:
             del summary["rms_error"]
+        if not kind.returns:
+            del summary["time_in"], summary["time_back"]
         return summary
 
     def observe(self) -> np.ndarray:
@@ -358,8 +370,8 @@ def _warn_uncertified(task: Task, scenario: Scenario) -> None:
     """
     if not supports(scenario, "quasistatic"):
         return
-    for direction in task.kind.directions:
-        found = certificate(scenario, direction=direction, time_limit=task.time_limit)
+    for direction, goal in task.kind.ways(task, scenario):
+        found = certificate(scenario, direction, goal=goal, time_limit=task.time_limit)
         if not found.solvable:
             warnings.warn(f"scenario {scenario.name!r} has no certificate for {task.id}: {found}", stacklevel=5)
             return

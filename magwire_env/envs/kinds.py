@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from ..scenario import Scenario
 from ..simulation import Library, Places
 from .kernels import FOLLOW, HOLD, PASS
 
 if TYPE_CHECKING:
     from .task import Task
 
-__all__ = ["KINDS", "Kind", "Reach", "Steer", "Track"]
+__all__ = ["KINDS", "InAndOut", "Kind", "Reach", "Steer", "Track"]
 
 _LEAST_WAY = 0.05
 """A target is at least this far from the start, m."""
@@ -33,6 +34,7 @@ class Kind:
     rule : when an episode is done: `kernels.PASS`, the tip has passed the goal at any substep; `HOLD`, it has stayed
         within the tolerance for the task's hold; `FOLLOW`, not before the time limit
     draws : how many uniform numbers a beginning is made from
+    returns : having passed the goal, the tip must come back to `final`, and pass that place
     directions : the ways along the tract a wire may have to go, 1 forwards and −1 backwards
     takes : options of `reset` that make sense
     """
@@ -40,6 +42,7 @@ class Kind:
     name: ClassVar[str]
     rule: ClassVar[int]
     draws: ClassVar[int]
+    returns: ClassVar[bool] = False
     directions: ClassVar[tuple[int, ...]] = (1,)
     takes: ClassVar[tuple[str, ...]] = ("tip_arclength", "target", "magnet_angle")
 
@@ -61,6 +64,14 @@ class Kind:
     def begin(self, task: Task, library: Library, entries: np.ndarray, drawn: np.ndarray) -> tuple[Places, Places]:
         """Where the tips of the scenarios `entries` (n,) start, and where their goals are."""
         raise NotImplementedError
+
+    def final(self, task: Task, library: Library, entries: np.ndarray) -> np.ndarray:
+        """Where the way back of the scenarios `entries` (n,) ends, (n,) m; of a kind that returns."""
+        raise ValueError(f"only a task that comes back has a final goal, got the task {task.id}")
+
+    def ways(self, task: Task, scenario: Scenario) -> tuple[tuple[int, float | None], ...]:
+        """What must be certified for a scenario: directions, and where each way ends, m (None: as `certificate`)."""
+        return tuple((direction, None) for direction in self.directions)
 
     def starts(self, task: Task) -> str:
         """For people: where an episode starts."""
@@ -103,6 +114,42 @@ class Steer(Kind):
         return (
             f"The tip starts at the wire's length ± {1e3 * task.start_spread:g} mm; the goal lies "
             f"{1e3 * task.goal_margin:g} mm before the tract's end."
+        )
+
+
+@dataclass(frozen=True)
+class InAndOut(Steer):
+    """Drive the tip from the inlet to the end, and back out.
+
+    beyond : m; the way back ends this far before the wire's whole length is drawn out of the tract
+    """
+
+    name: ClassVar[str] = "in and out"
+    returns: ClassVar[bool] = True
+    directions: ClassVar[tuple[int, ...]] = (1, -1)
+    takes: ClassVar[tuple[str, ...]] = ("tip_arclength", "magnet_angle")
+    beyond: float = 0.05
+
+    def final(self, task: Task, library: Library, entries: np.ndarray) -> np.ndarray:
+        """As `Kind.final`."""
+        return library.wire_length[entries] + self.beyond
+
+    def ways(self, task: Task, scenario: Scenario) -> tuple[tuple[int, float | None], ...]:
+        """As `Kind.ways`."""
+        return (1, None), (-1, scenario.wire.length + self.beyond)
+
+    def starts(self, task: Task) -> str:
+        """As `Kind.starts`."""
+        return (
+            f"{super().starts(task)} Once the tip has passed it, the goal lies {1e3 * self.beyond:g} mm beyond the "
+            "wire's length, on the way back."
+        )
+
+    def ends(self, task: Task) -> str:
+        """As `Kind.ends`."""
+        return (
+            "Terminated when the tip, after it has passed the far goal, passes the near one on its way back "
+            '(`is_success`); `summary["time_in"]` and `["time_back"]` are the two legs. `distance` counts both legs.'
         )
 
 
@@ -177,5 +224,5 @@ class Track(Kind):
         return middle[:, None] + size[:, None] * waves.sum(axis=1)
 
 
-KINDS: dict[str, Kind] = {kind.name: kind for kind in (Steer(), Reach(), Track())}
+KINDS: dict[str, Kind] = {kind.name: kind for kind in (Steer(), InAndOut(), Reach(), Track())}
 """The kinds by name."""

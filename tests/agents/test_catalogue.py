@@ -57,7 +57,7 @@ def registered(monkeypatch: pytest.MonkeyPatch) -> type[Controller]:
 
 def test_what_is_listed():
     assert set(CONTROLLERS) >= {PAR, REFERENCE, *FLOORS, "NetForce", "PD", "MPPI", "ExtremumSeeking"}
-    assert set(FLOORS) == {"ConstantRotation", "Random"}
+    assert set(FLOORS) == {"HoldHome", "BestConstant", "BestConstantEach", "ConstantRotation", "Random"}
     assert [name for name, kind in CONTROLLERS.items() if kind.plans_online] == ["MPPI"]
 
 
