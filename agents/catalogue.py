@@ -36,7 +36,6 @@ from .controllers import (
     MPPI,
     PD,
     ConstantRotation,
-    Controller,
     ExtremumSeeking,
     MaxForce,
     NetForce,
@@ -49,13 +48,28 @@ from .policies import own_policy
 
 __all__ = ["CONTROLLERS", "FLOORS", "PAR", "REFERENCE", "Entrant", "controller", "register_controller", "resolve"]
 
-CONTROLLERS: dict[str, type[Controller]] = {
+
+class Untrained:
+    """ppo before its first step of training, see `agents.learning.untrained`. Needs the extra ``train``."""
+
+    floor = True
+
+    @classmethod
+    def from_env(cls, env: Any) -> Any:
+        """The policy for `env`."""
+        need("stable_baselines3", "an untrained policy", "train")
+        from .learning.untrained import untrained
+
+        return untrained(env)
+
+
+CONTROLLERS: dict[str, Any] = {
     c.__name__: c
     for c in (
         MaxForce, NetForce, ExtremumSeeking, PD, MPPI, Optimal,
         HoldHome, BestConstant, BestConstantEach, ConstantRotation, Random,
     )
-}  # fmt: skip
+} | {"untrained": Untrained}  # fmt: skip
 """Name → class. `register_controller` adds to it."""
 
 PAR = Optimal.__name__
@@ -64,8 +78,8 @@ PAR = Optimal.__name__
 REFERENCE = MaxForce.__name__
 """The controller that others are compared with: the paper's own policy."""
 
-FLOORS = tuple(name for name, c in CONTROLLERS.items() if c.sees_nothing)
-"""Controllers that see nothing."""
+FLOORS = tuple(n for n, c in CONTROLLERS.items() if getattr(c, "sees_nothing", False) or getattr(c, "floor", False))
+"""Controllers that see nothing, and the untrained policy."""
 
 _DEFAULT_TASK = "MagWire/Steer-v0"
 

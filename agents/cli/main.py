@@ -179,7 +179,7 @@ def robustness(options: Robustness) -> None:
 
 def benchmark(options: Benchmark) -> None:
     """Make the missing cells and write the report; status 1 if a cell failed."""
-    from agents.benchmark.aggregates import collect
+    from agents.benchmark.aggregates import collect, episode_records
     from agents.benchmark.costs import estimate
     from agents.benchmark.jobs import run_cells, selected
     from agents.benchmark.plan import Plan
@@ -209,7 +209,7 @@ def benchmark(options: Benchmark) -> None:
     if less := less_than_kept(data, docs):
         print(f"{docs} is kept, since {less}; the report goes to {options.out}")
         docs, readme = options.out, None
-    for path in write(data, docs, readme):
+    for path in write(data, docs, readme, episode_records(plan, options.out)):
         print(path)
     if data["missing"]:
         print(f"{len(data['missing'])} cells are missing from the report, which names them")

@@ -58,7 +58,7 @@ class NetForce(Controller):
     ) -> tuple[np.ndarray, Memory]:
         tip, speed = tip_seen(self, observation)
         back = way_seen(self, observation) < 0.0
-        if state is not None:
+        if state is not None and len(self._ways) > 1:
             starts = starts | (back != state[2])
         command, led, arrived = self._ways[0].command(observation, tip, speed, state, starts)
         if back.any():

@@ -7,7 +7,7 @@ import io
 import json
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,7 @@ VALIDATION_SEED = EVALUATION_SEED + 500_000
 """Held-out seeds for choosing the best model: neither training's nor the final evaluation's."""
 
 CURVE = "learning_curve.csv"
-_COLUMNS = ("timesteps", "seconds", "success_rate", "median_time_s", "mean_reward")
+_COLUMNS = ("timesteps", "seconds", "success_rate", "median_time_s", "mean_reward", "median_rms_error_m")
 
 
 def learn(run: Run, patience: float = 0.0) -> bool:
@@ -268,10 +268,11 @@ def _measured(result: dict[str, float]) -> str:
     return f"median time {f'{time:.3f} s' if time == time else '–'}"
 
 
-def _score(row: dict[str, float]) -> tuple[float, float]:
-    """Success first, then speed."""
-    time = row["median_time_s"]
-    return row["success_rate"], -time if time == time else -float("inf")
+def _score(result: Mapping[str, float]) -> tuple[float, float]:
+    """How good a model is: success first, then speed, or in a tracking task the RMS error."""
+    rms = result["median_rms_error_m"]
+    measure = rms if rms == rms else result["median_time_s"]
+    return result["success_rate"], -measure if measure == measure else -float("inf")
 
 
 @contextmanager

@@ -23,7 +23,8 @@ number of periods is nearer to one period less.
 def judged(starts: Starts, trace: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """`Outcome.value`, `time` and `steps` of recorded episodes, from their traces (H, substeps + 1, n) m."""
     task = starts.task
-    env = verdict(task, trace, starts.goal, starts.reference, starts.step_limit, starts.period, starts.final)
+    far = starts.library.tract_length[starts.entries]
+    env = verdict(task, trace, starts.goal, starts.reference, starts.step_limit, starts.period, starts.final, far)
     if task.kind.follows:
         held = env.alive.all(axis=0)
         rms = env.rms_error

@@ -47,6 +47,7 @@ def verdict(
     step_limit: int,
     period: float,
     final: np.ndarray | None = None,
+    far: np.ndarray | None = None,
 ) -> Verdict:
     """Judge recorded episodes by the env's kernel.
 
@@ -56,6 +57,7 @@ def verdict(
     step_limit : control periods that an episode lasts at most
     period : control period, s
     final : (n,) m, of a task that comes back
+    far : (n,) m, the tracts' lengths, of a task that ends there
     """
     horizon, points, n = trace.shape
     width = -(-n // LANES) * LANES  # kernels work on whole blocks of lanes
@@ -66,6 +68,10 @@ def verdict(
     lanes[EPISODE.start_distance] = lanes[EPISODE.route_length] = 1.0
     lanes[EPISODE.wall_limit] = np.inf
     lanes[EPISODE.sense] = 1.0
+    lanes[EPISODE.far] = np.inf
+    if task.kind.ends_far:
+        assert far is not None  # of every start of such a task
+        lanes[EPISODE.far, :n] = far
     if task.kind.returns:
         assert final is not None  # of every start of such a task
         lanes[EPISODE.after, :n] = behind = np.abs(goal - final)

@@ -5,32 +5,18 @@ A task that they pass does not ask for steering.
 
 from __future__ import annotations
 
-import itertools
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
-from magwire_env.simulation import Library
+from magwire_env.quasistatic.held import held_commands
 
 from ..controllers.base import Controller, Memory
 from .starts import Starts, actions_of
 from .trials import Trials
 
-__all__ = ["BestConstant", "BestConstantEach", "HoldHome", "held_commands"]
-
-ALONE, TOGETHER, PER_SLIDE = 32, 8, 3
-"""Held values of a turn that is the only degree of freedom, of every turn of several, and of every slide or current."""
-
-
-def held_commands(library: Library) -> np.ndarray:
-    """Shares of the range of every degree of freedom, (k, dof) in [0, 1]: an even grid.
-
-    32 for a single turn, 8 × 8 for two turns, 3 × 3 × 8 for two slides and a turn.
-    """
-    turns = ALONE if library.dof == 1 else TOGETHER
-    axes = [np.arange(turns) / turns if turn else np.linspace(0.0, 1.0, PER_SLIDE) for turn in library.is_turn]
-    return np.array(list(itertools.product(*axes)))
+__all__ = ["BestConstant", "BestConstantEach", "HoldHome"]
 
 
 class HoldHome(Controller):
@@ -53,7 +39,7 @@ class _Held(Controller):
 
     def __init__(self, env: gym.Env | gym.vector.VectorEnv, **settings: Any) -> None:
         super().__init__(env, **settings)
-        self._shares = held_commands(self.core.sim.library)
+        self._shares = held_commands(self.core.sim.library.is_turn)
         self._chosen: np.ndarray | None = None
 
     def act(

@@ -55,7 +55,7 @@ class SteeringCore:
         scenario: Scenario | str | Path | Sequence[Scenario] | None = None,
         coupling: str | None = None,
         model: str | None = None,
-        action_mode: str = "angle",
+        action_mode: str | None = None,
         observe: Sequence[str] | None = None,
         reward: str | RewardWeights | Mapping[str, float] = "dense",
         reward_terms: Sequence[RewardTerm] = (),
@@ -78,7 +78,7 @@ class SteeringCore:
         self.time_limit = positive("time_limit", self.task.time_limit if time_limit is None else time_limit, "s")
         self._fed = self.sim.library.rigs.feed >= 0
         self.step_limit = max(1, round(self.time_limit / self.sim.control_period))
-        self.actuation = Actuation(self.sim, action_mode)
+        self.actuation = Actuation(self.sim, self.task.action_mode if action_mode is None else action_mode)
         self.episodes = Episodes(self.sim, self.task, self.step_limit)
         self.observer = Observer(self.sim, self.episodes, self.task.observe if observe is None else observe)
         self._readings = Readings(self.sim, self.observer, self.step_limit)
@@ -132,6 +132,8 @@ class SteeringCore:
         start, goal = kind.begin(self.task, sim.library, entries, drawn[:, : kind.draws])
         _, low, high = sim.library.limits.of(entries)
         magnet = low + drawn[:, kind.draws :] * (high - low)
+        held = kind.magnets(sim.library, entries, start.s)
+        magnet = magnet if held is None else held
         if options:
             start, goal, magnet = self._overridden(options, lanes, entries, start, goal, magnet)
         if self._draws_scenario or self._varies:

@@ -55,6 +55,7 @@ class Episodes:
         own[EPISODE.start_distance] = task.tolerance if task.kind.follows else own[EPISODE.distance]
         own[EPISODE.wall_limit] = self._wall_limit[entries]
         own[EPISODE.route_length] = sim.model.route_length(lanes)
+        own[EPISODE.far] = own[EPISODE.route_length] if task.kind.ends_far else np.inf
         self.lanes[:, lanes] = own
         self.turned[lanes] = 0.0
         if reference is not None:

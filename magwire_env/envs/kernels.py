@@ -52,6 +52,7 @@ class Episode(NamedTuple):
     sense : 1, or −1 on a way back, where the tip has passed the goal once it is behind it
     after : m, way that comes after the present goal: the way back of a task that comes back, until the tip has turned
     turned : s, when the tip passed the goal at which it turned back; 0 before
+    far : m, the episode ends when the tip is farther along than this
     """
 
     start_distance: int
@@ -69,6 +70,7 @@ class Episode(NamedTuple):
     sense: int
     after: int
     turned: int
+    far: int
 
 
 class Value(NamedTuple):
@@ -191,8 +193,9 @@ def judge(n, rule, readout, trace, step_limit, period, tolerance, hold, safe, we
             for_time = for_time * share
         wall, peak = load(readout, ROW.mean_wall, lane), load(readout, ROW.peak_wall, lane)
         cost = maximum(peak - load(lanes, EPISODE.wall_limit, lane), 0.0)
-        outside = load(readout, ROW.travelled, lane) < 0.0
-        terminated = where(outside, 1.0, success if rule != FOLLOW else 0.0 * success)
+        travelled = load(readout, ROW.travelled, lane)
+        outside = where(travelled > load(lanes, EPISODE.far, lane), 1.0, where(travelled < 0.0, 1.0, 0.0 * travelled))
+        terminated = where(outside > 0.0, 1.0, success if rule != FOLLOW else 0.0 * success)
         terminated = where(safe * cost > 0.0, 1.0, terminated)
         success = where(safe * cost > 0.0, 0.0, success)
         # An early end without success costs the time that was left. Otherwise giving up would beat slow progress.

@@ -34,6 +34,7 @@ class Task:
     reference_speed : m/s at most, of a tracking task's reference
     time_limit : s
     observe : default observation channels
+    action_mode : the default
     """
 
     id: str
@@ -47,6 +48,7 @@ class Task:
     reference_speed: float = 0.03
     time_limit: float = 30.0
     observe: tuple[str, ...] = DEFAULT_CHANNELS
+    action_mode: str = "angle"
 
     def __post_init__(self) -> None:
         if isinstance(self.kind, str) and self.kind in KINDS:
@@ -64,7 +66,7 @@ class Task:
 
 
 _AHEAD = (*DEFAULT_CHANNELS, "tract_preview")
-_STEER, _IN_AND_OUT, _REACH, _TRACK = KINDS.values()
+_STEER, _IN_AND_OUT, _REACH, _TRACK, _REACH_STANDING, _TRACK_STANDING = KINDS.values()
 
 _TURNING_ROOM = 0.09
 """The far goal of Steer-v1 lies this far before the tract's end, m: a tip that arrives at full speed coasts up to 50 mm
@@ -82,6 +84,16 @@ TASKS = {
         Task("MagWire/Chase-v0", _STEER, pool="Chase", time_limit=60.0, observe=_AHEAD),
         Task("MagWire/Dual-v0", _STEER, pool="Dual", time_limit=60.0, observe=_AHEAD),
         Task("MagWire/Steer-v1", _IN_AND_OUT, Scenario.paper, goal_margin=_TURNING_ROOM),
+        Task("MagWire/Reach-v1", _REACH_STANDING, Scenario.paper, action_mode="rate"),
+        Task(
+            "MagWire/Track-v1",
+            _TRACK_STANDING,
+            Scenario.paper,
+            observe=(*DEFAULT_CHANNELS, "reference_preview"),
+            action_mode="rate",
+        ),
+        Task("MagWire/SteerAny-v1", _STEER, pool="SteerAny-v1", time_limit=60.0, observe=_AHEAD, action_mode="rate"),
+        Task("MagWire/Hard-v1", _STEER, pool="Hard-v1", time_limit=60.0, observe=_AHEAD, action_mode="rate"),
     )
 }
 

@@ -55,8 +55,8 @@ class Certificate:
     commands : (n, dof) rad and m, the commands that give this margin; turns are continuous along the way
     speed : (n,) m/s, of a wire that sets off at rest and whose margin drives its drag and inertia; 0 after it stops
     reserve : N, the allowed error of the margin
-    blocked : m, the first place that such a wire does not reach within the time limit, even if the margin were larger
-        by the reserve; None if it gets through. (A margin that is negative over a few millimetres does not hold a wire
+    blocked : m, the place where such a wire stops, even if the margin were larger by the reserve; None if it gets
+        through, however slowly. (A margin that is negative over a few millimetres does not hold a wire
         that arrives with speed.)
     traverse_time : s, for the whole way at that speed, or at the servos' speed where that is slower; ∞ if it stops
     time_limit : s
@@ -99,7 +99,8 @@ class Certificate:
         if self.thrown_out:
             return f"thrown out of the entrance, {weakest}"
         verdict = "solvable" if self.solvable else "doubtful" if margin < self.reserve else "too slow"
-        return f"{verdict}, {weakest}, {self.traverse_time:.1f} s"
+        late = f" of {self.time_limit:g} s allowed" if verdict == "too slow" else ""
+        return f"{verdict}, {weakest}, {self.traverse_time:.1f} s{late}"
 
 
 def certificate(
@@ -239,7 +240,7 @@ def _verdict(
     speed, seconds = traverse(way, margin, growth, sc.moving_mass)
     time = float(np.maximum(seconds, turning).sum())
     _, seconds = traverse(way, margin + reserve, growth, sc.moving_mass)
-    late = np.flatnonzero(np.maximum(seconds, turning).cumsum() > time_limit)
+    late = np.flatnonzero(~np.isfinite(seconds))
     for array in (arrays := (way, margin, commands, speed)):
         array.flags.writeable = False
     return Certificate(

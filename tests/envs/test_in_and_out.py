@@ -10,11 +10,12 @@ from agents.controllers import MaxForce, NetForce
 from agents.evaluation.evaluator import evaluate
 from agents.par.bracket import least_times
 from agents.par.env_rules import verdict
-from agents.par.held import BestConstantEach, HoldHome, held_commands
+from agents.par.held import BestConstantEach, HoldHome
 from agents.par.starts import Starts
 from magwire_env.envs.kernels import EPISODE
 from magwire_env.envs.task import TASKS
 from magwire_env.quasistatic import certificate
+from magwire_env.quasistatic.held import held_commands
 
 ID = "MagWire/Steer-v1"
 N = 4
@@ -118,7 +119,7 @@ def test_the_way_is_certified_both_ways_and_controllers_ride_it():
 
 def test_no_held_command_comes_back():
     env = gym.make_vec(ID, num_envs=3)
-    assert held_commands(env.unwrapped.core.sim.library).shape == (32, 1)
+    assert held_commands(env.unwrapped.core.sim.library.is_turn).shape == (32, 1)
     assert not evaluate(BestConstantEach.from_env, ID, 3).success.any()
     assert not evaluate(HoldHome.from_env, ID, 3).success.any()
     with pytest.raises(ValueError, match="alone in the task MagWire/Steer-v1, which fixes the rest"):
