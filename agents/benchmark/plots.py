@@ -31,6 +31,11 @@ _STYLES: dict[str, tuple[str, str]] = {
     "tqc": ("#999933", "--"),
     "crossq": ("#EE3377", "--"),
     "stacked_ppo": (BROWN, "--"),
+    "knows_ppo": (ORANGE, "--"),
+    "HoldHome": (BLACK, ":"),
+    "BestConstant": (BLUE, ":"),
+    "BestConstantEach": (GREEN, ":"),
+    "untrained": (RED, ":"),
     "ConstantRotation": (GREY, ":"),
     "Random": (SKY, ":"),
 }

@@ -6,14 +6,18 @@ from typing import Any
 
 import gymnasium as gym
 
-from .sb3 import TrainedPolicy, frozen, hyperparameters, make_model, make_vec_env
+from .export import about_model, plain
+from .hyperparameters import hyperparameters
+from .plain_policy import PlainPolicy
+from .scenario_text import text_for
+from .sb3 import make_model, make_vec_env
 
 __all__ = ["untrained"]
 
 _NOT_OF_THE_MODEL = ("n_envs", "n_timesteps", "env", "training_env", "frame_stack")
 
 
-def untrained(env: gym.Env | gym.vector.VectorEnv, algorithm: str = "ppo", seed: int = 0) -> TrainedPolicy:
+def untrained(env: gym.Env | gym.vector.VectorEnv, algorithm: str = "ppo", seed: int = 0) -> PlainPolicy:
     """The policy of a task's hyperparameters with the weights that `seed` draws, for `env`."""
     task = env.unwrapped.core.task  # type: ignore[union-attr]
     settings: dict[str, Any] = hyperparameters(algorithm, task.id)
@@ -21,4 +25,9 @@ def untrained(env: gym.Env | gym.vector.VectorEnv, algorithm: str = "ppo", seed:
     own["batch_size"] = own["n_steps"]  # one lane gives no larger batch; nothing is learnt from it
     pool = {"pool_size": 1} if task.pool is not None else {}
     venv = make_vec_env(task.id, 1, **settings["env"], **pool)
-    return frozen(make_model(algorithm, venv, seed, own), {"frame_stack": 1})
+    meta = {
+        "task": task.id, "algorithm": algorithm, "seed": seed, "env": settings["env"],
+        "scenario": text_for(task.id, None), "scenario_given": False,
+    }  # fmt: skip
+    model = make_model(algorithm, venv, seed, own)
+    return plain(model, about_model(model, meta))

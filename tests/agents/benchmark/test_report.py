@@ -58,7 +58,7 @@ def test_nearly_all_is_not_all(data):
 def test_the_readme_shows_a_few_policies_on_the_registered_tasks(data):
     head, _, *rows = readme_table(data).splitlines()
     assert "ood" not in head
-    assert [row.split("|")[1].split()[0] for row in rows] == list(README_POLICIES)
+    assert [row.split("|")[1].split()[0] for row in rows] == [p for p in README_POLICIES if p != "knows_ppo"]
 
 
 def test_the_files_are_the_jsons_own(data, tmp_path):
