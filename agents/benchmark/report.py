@@ -36,7 +36,8 @@ def write(
 
     Each plot carries the SHA-256 of the JSON, so that a plot of other numbers is noticed.
     """
-    text = text_of(data)
+    packed = "benchmark_episodes.json.gz"
+    text = text_of(data if episodes is None else data | {"episodes_in": packed})
     data = json.loads(text)
     docs.mkdir(parents=True, exist_ok=True)
     files = [docs / "benchmark.json", docs / "benchmark.md"]
@@ -44,9 +45,8 @@ def write(
     files[1].write_text(markdown(data), encoding="utf-8")
     files += draw(data, docs / "figures", hashlib.sha256(text.encode()).hexdigest())
     if episodes is not None:
-        files.append(docs / "benchmark_episodes.json.gz")
-        packed = gzip.compress(json.dumps(episodes, separators=(",", ":")).encode(), mtime=0)
-        files[-1].write_bytes(packed)
+        files.append(docs / packed)
+        files[-1].write_bytes(gzip.compress(json.dumps(episodes, separators=(",", ":")).encode(), mtime=0))
     if readme is not None:
         readme.write_text(insert(readme.read_text(encoding="utf-8"), readme_table(data)), encoding="utf-8")
         files.append(readme)
@@ -141,7 +141,6 @@ generated tasks each episode has a certified tract of its own), all numbers stan
   the control steps of an episode, mean over the episodes; *travel* is the magnets' median, rad and m summed.
 - The defaults of `MPPI`, `PD` and `ExtremumSeeking` were chosen on some of these episodes (up to 100 of Steer, Track
   and the test tracts); trained policies and their hyperparameters have seen none of them.
-- Every episode of every policy stands in [benchmark_episodes.json.gz](benchmark_episodes.json.gz).
 
 ![Performance profiles](figures/benchmark_profiles.png)
 
@@ -149,6 +148,10 @@ generated tasks each episode has a certified tract of its own), all numbers stan
 
 Circles are controllers, squares trained policies, crosses floors; hollow ones reach the goal in less than 90 % of the
 episodes and do not count for the front, those below 50 % are left out."""
+    if data.get("note"):
+        text += f"\n\n**Note**: {data['note']}"
+    if data.get("episodes_in"):
+        text += f"\n\nEvery episode of every policy stands in [{data['episodes_in']}]({data['episodes_in']})."
     if missing:
         text += f"\n\n**Missing**: {len(missing)} cells are not in this report: {', '.join(missing)}."
     return text

@@ -9,8 +9,8 @@ import gymnasium as gym
 from .export import about_model, plain
 from .hyperparameters import hyperparameters
 from .plain_policy import PlainPolicy
-from .scenario_text import text_for
 from .sb3 import make_model, make_vec_env
+from .scenario_copy import text_for
 
 __all__ = ["untrained"]
 
