@@ -19,15 +19,15 @@ _NOT_OF_THE_MODEL = ("n_envs", "n_timesteps", "env", "training_env", "frame_stac
 
 def untrained(env: gym.Env | gym.vector.VectorEnv, algorithm: str = "ppo", seed: int = 0) -> PlainPolicy:
     """The policy of a task's hyperparameters with the weights that `seed` draws, for `env`."""
-    task = env.unwrapped.core.task  # type: ignore[union-attr]
-    settings: dict[str, Any] = hyperparameters(algorithm, task.id)
+    core = env.unwrapped.core  # type: ignore[union-attr]
+    settings: dict[str, Any] = hyperparameters(algorithm, core.task.id)
     own = {key: value for key, value in settings.items() if key not in _NOT_OF_THE_MODEL}
     own["batch_size"] = own["n_steps"]  # one lane gives no larger batch; nothing is learnt from it
-    pool = {"pool_size": 1} if task.pool is not None else {}
-    venv = make_vec_env(task.id, 1, **settings["env"], **pool)
-    meta = {
-        "task": task.id, "algorithm": algorithm, "seed": seed, "env": settings["env"],
-        "scenario": text_for(task.id, None), "scenario_given": False,
-    }  # fmt: skip
+    seen = {"action_mode": core.actuation.mode, "observe": core.observer.names}
+    venv = make_vec_env(core.task.id, 1, scenario=core.sim.scenarios[0], **seen)
     model = make_model(algorithm, venv, seed, own)
+    meta = {
+        "task": core.task.id, "algorithm": algorithm, "seed": seed, "env": seen,
+        "scenario": text_for(core.task.id, None), "scenario_given": False,
+    }  # fmt: skip
     return plain(model, about_model(model, meta))
