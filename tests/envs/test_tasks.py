@@ -230,7 +230,7 @@ def test_the_safety_mode_ends_an_episode_over_the_limit():
         (lambda: Task("x"), "Task must have either a scenario or a pool"),
         (
             lambda: Task("x", "wander", Scenario.paper),
-            "Task.kind must be a Kind or one of 'steer', 'reach', 'track', got 'wander'",
+            "Task.kind must be a Kind or one of 'steer', 'in and out', 'reach', 'track', .* got 'wander'",
         ),
         (lambda: gym.make("MagWire/ReachGoal-v0", task="MagWire/Steer-v0"), "task must be one whose target is held"),
     ],
@@ -242,9 +242,9 @@ def test_refusals(build, words):
 
 def test_a_scenario_without_a_certificate_warns_once():
     scenario = Scenario.paper().replace(name="stiff", wire__bending_modulus=5e6)
-    with pytest.warns(UserWarning, match="scenario 'stiff' has no certificate for MagWire/Steer-v0: blocked at"):
-        gym.make("MagWire/Steer-v0", scenario=scenario, disable_env_checker=True)
+    with pytest.warns(UserWarning, match="scenario 'stiff' has no certificate for MagWire/Steer-v1: blocked at"):
+        gym.make("MagWire/Steer-v1", scenario=scenario, disable_env_checker=True)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        gym.make("MagWire/Steer-v0", scenario=scenario, disable_env_checker=True)
-        gym.make("MagWire/Steer-v0", scenario=Scenario.paper().replace(contact__friction=0.0))
+        gym.make("MagWire/Steer-v1", scenario=scenario, disable_env_checker=True)
+        gym.make("MagWire/Steer-v1", scenario=Scenario.paper().replace(contact__friction=0.0))
