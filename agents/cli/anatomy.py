@@ -1,4 +1,4 @@
-"""The subcommand `anatomy`: what a file's lumen is, its picture, a file that stands alone, a page with a wire."""
+"""The subcommand `anatomy`: a lumen in words, as a picture, as a file that stands alone, on a page with a wire."""
 
 from __future__ import annotations
 
@@ -90,8 +90,8 @@ def report(lumen: Lumen, wire: float) -> str:
     tight = lumen.too_narrow_for(wire / 2)
     rows += ["", *(f"note: {note}" for note in lumen.notes)]
     rows += [
-        f"note: a wire of {1e3 * wire:.3g} mm does not pass {_where(lumen, place)}, which is "
-        f"{2e3 * radius:.3g} mm across"
+        f"note: a wire of {1e3 * wire:.3g} mm does not pass {_where(lumen, place)}, which is {2e3 * radius:.3g} mm "
+        "across"
         for place, radius in tight
     ]
     return "\n".join(rows)

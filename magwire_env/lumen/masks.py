@@ -131,7 +131,7 @@ def _one_piece(path: str, inside: np.ndarray, volume: Volume, notes: list[str], 
     if count > len(large):
         notes.append(
             f"{count - len(large)} small separate pieces, {int(sizes.sum() - sizes[large - 1].sum())} voxels, are "
-            f"dropped"
+            "dropped"
         )
     if len(large) > 1:
         found = ndimage.find_objects(label)

@@ -7,9 +7,9 @@ extremities that stick out of the tree's balls by more than a radius.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -47,7 +47,7 @@ Progress = Callable[[float, str], None]
 
 @dataclass
 class _Graph:
-    """The balls that fit in: centres (n, 3), radii (n,), and which overlap which, (n, n) by length and cost."""
+    """The balls that fit in: centres (n, 3), radii (n,), and which of them overlap, (n, n) by length and cost."""
 
     centres: np.ndarray
     radii: np.ndarray
@@ -244,7 +244,7 @@ def _root(
         at = int(np.argmax([o.radius for o in openings]))
         notes.append(
             f"the inlet is taken to be the widest open end, at {shown(*openings[at].centre)}; inlet=(x, y, z) "
-            f"chooses another"
+            "chooses another"
         )
         return goals[at], at
     start = int(graph.radii.argmax())
@@ -258,8 +258,8 @@ def _root(
     far = [way[_end_of(graph, way[: max(3, len(way) // 4)])] for way in ways]
     at = far[int(np.argmax(graph.radii[far]))]
     notes.append(
-        f"the inlet is taken to be the wider of the two farthest ends, at {shown(*graph.centres[at])}; inlet=(x, "
-        f"y, z) chooses another"
+        f"the inlet is taken to be the wider of the two farthest ends, at {shown(*graph.centres[at])}; inlet=(x, y, "
+        "z) chooses another"
     )
     return at, -1
 
@@ -286,8 +286,8 @@ def _tree(
     if lost:
         where = graph.centres[lost[0]]
         raise ValueError(
-            f"the open end at ({where[0]:.6g}, {where[1]:.6g}, {where[2]:.6g}) cannot be reached from the inlet: "
-            f"the lumen is "
+            f"the open end at ({where[0]:.6g}, {where[1]:.6g}, {where[2]:.6g}) cannot be reached from the inlet: the "
+            "lumen is "
             "closed between them, or narrower than its triangles"
         )
     owner = np.full(len(graph.centres), -1)
@@ -342,7 +342,7 @@ def _wider_goes_on(graph: _Graph, paths: list[list[int]]) -> list[tuple[list[int
     ahead: dict[int, list[int]] = {}
     path_of: dict[tuple[int, int], tuple[int, int]] = {}
     for k, path in enumerate(paths):
-        for i, (a, b) in enumerate(itertools.pairwise(path)):
+        for i, (a, b) in enumerate(pairwise(path)):
             ahead.setdefault(a, []).append(b)
             path_of[a, b] = (k, i)
     lines: list[tuple[list[int], int]] = []
