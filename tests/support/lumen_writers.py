@@ -349,6 +349,7 @@ def simvascular_contours(points, radii, name="a"):
     ).encode()
 
 
+@lru_cache
 def surfaces():
     """Ending and bytes of every surface format."""
     v, f = mesh()
@@ -363,6 +364,7 @@ def surfaces():
     }  # fmt: skip
 
 
+@lru_cache
 def volumes():
     """Name and bytes of every volume format: the same fork in anisotropic, turned or flipped voxels."""
     made = {}
@@ -399,6 +401,7 @@ def sampled(affine, inlet=0.0):
     return 1e3 * np.minimum(the_fork().wall_distance(xyz), xyz[:, 0] - inlet).reshape(SHAPE)
 
 
+@lru_cache
 def trees():
     """Name and bytes of every format of lines; radii and units as each has them."""
     lines = fork_lines()
