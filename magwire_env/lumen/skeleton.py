@@ -310,7 +310,8 @@ def _tree(
     for path, _ in paths:
         left.cover(path)
     for o in openings:
-        left.close_rim(o)
+        left.close_rim(o.centre, o.radius)
+    left.close_rim(graph.centres[root], float(graph.radii[root]))
     dropped = 0
     while left.open.any() and len(paths) < _MOST_BRANCHES:
         tip = left.farthest(far)
@@ -399,10 +400,12 @@ class _Uncovered:
         near = np.array(self.tree.query_ball_point(centres[end], reach), dtype=np.int64)
         self.open[near[(radii[near] <= radii[end]) & (far[near] > far[end])]] = False
 
-    def close_rim(self, end: Opening) -> None:
-        """Take out the balls in the corner between an end's cap and the wall."""
-        near = np.array(self.tree.query_ball_point(end.centre, 1.5 * end.radius), dtype=np.int64)
-        self.open[near[self.graph.radii[near] < 0.95 * end.radius]] = False
+    def close_rim(self, centre: np.ndarray, radius: float) -> None:
+        """Take out the small balls about an end: those in the corner between its flat cap and the wall."""
+        near = np.array(self.tree.query_ball_point(centre, 2.0 * radius), dtype=np.int64)
+        near = near[self.graph.radii[near] < 0.7 * radius]
+        self.open[near] = False
+        self.by[near] = np.maximum(self.by[near], radius)
 
     def cover(self, path: list[int]) -> None:
         """Take the balls about a path's centres out of those still open."""
