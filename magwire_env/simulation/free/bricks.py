@@ -15,7 +15,7 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
-from ..compiled import kernel
+from ...compiled import kernel
 from ..lanes import (
     _BITS,
     _DOUBLES,
