@@ -16,7 +16,8 @@ import numpy as np
 from ..physics.checks import one_of, positive, vector
 from .branch import Branch
 from .joining import one_tree, tidied
-from .lumen import Lumen, attached
+from .joints import attached
+from .lumen import Lumen
 from .lumen_file import load_lumen, save_lumen
 from .masks import surface_of
 from .mending import mended
