@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..simulation.compiled import kernel
+from ..compiled import kernel
 from ..simulation.lanes import LANES, absolute, load, maximum, minimum, sin_cos, store, where
 from ..simulation.readout import ROW
 from ..simulation.servo import LIMIT

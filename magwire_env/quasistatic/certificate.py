@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..compiled import precise
 from ..physics.checks import non_negative, positive
 from ..scenario import Scenario
 from ..simulation import Library, Simulator
-from ..simulation.compiled import precise
 from .balance import Tails
 from .net_force import greatest
 

@@ -18,7 +18,7 @@ gradient is the force on the feed: the thrust less M²/2EI, with which a bent ro
 
 from __future__ import annotations
 
-from ..compiled import inlined, kernel
+from ...compiled import inlined, kernel
 from ..lanes import LANES, absolute, anywhere, load, maximum, minimum, reciprocal, rsqrt, spread, store, where
 from . import layout as at
 from .contact import touch

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from ..compiled import inlined, kernel
+from ...compiled import inlined, kernel
 from ..lanes import LANES, absolute, anywhere, floor, load, maximum, minimum, reciprocal, rsqrt, spread, store, where
 from . import layout as at
 from .elements import transported, turned
