@@ -45,6 +45,7 @@ from .env_kwargs import parsed, world
 from .par.held import BestConstant, BestConstantEach, HoldHome
 from .par.optimal import Optimal
 from .policies import own_policy
+from .shipped import PREFIX
 
 __all__ = ["CONTROLLERS", "FLOORS", "PAR", "REFERENCE", "Entrant", "controller", "register_controller", "resolve"]
 
@@ -143,7 +144,8 @@ def resolve(
     trust: bool = False,
     env_kwargs: Sequence[str] = (),
 ) -> Entrant:
-    """The policy of a name: a controller's, ``module:thing``, a run's or policy's folder, or an SB3 zip file.
+    """The policy of a name: a controller's, ``module:thing``, a run's or policy's folder, ``trained/…``, or an SB3
+    zip file.
 
     task : by default the policy's own task, or MagWire/Steer-v0; ``module:id`` imports the module first
     scenario : a TOML file or a shipped name, in place of the task's
@@ -162,7 +164,7 @@ def resolve(
     if (kind := controller(policy)) is not None:
         made, name = kind.from_env, policy.rpartition(":")[2]
         settings = dict(getattr(kind, "env_kwargs", {}))
-    elif Path(policy).is_dir():
+    elif Path(policy).is_dir() or policy.startswith(PREFIX):
         need("safetensors", "a trained policy", "policy")
         from .learning import load
 
@@ -175,7 +177,7 @@ def resolve(
         made, name = load_zip(Path(policy), trust), Path(policy).stem
     else:
         raise ValueError(
-            "policy must be a run's or policy's folder, an SB3 .zip, module:thing or one of "
+            "policy must be a run's or policy's folder, trained/…, an SB3 .zip, module:thing or one of "
             f"{', '.join(CONTROLLERS)}; got {policy!r}"
         )
     task, settings = task or _DEFAULT_TASK, settings | asked

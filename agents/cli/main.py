@@ -20,6 +20,7 @@ from agents.cli import identify as identify_cli
 from agents.cli import view as view_cli
 from agents.cli.cache import Cache, cache
 from agents.cli.export import Export, export
+from agents.cli.policies import Policies, policies
 from agents.cli.train import train
 from agents.learning.config import BAD_INPUT, Algorithm, Config
 from magwire_env.physics.checks import whole
@@ -47,7 +48,7 @@ class Evaluate:
     """Evaluate a trained model or a controller over a fixed list of episode seeds."""
 
     policy: tyro.conf.Positional[str]
-    """A run's or policy's folder, an SB3 .zip, a controller's name, such as MaxForce, or module:thing of your own."""
+    """A run's or policy's folder, trained/…, an SB3 .zip, a controller such as MaxForce, or a module:thing."""
     task: str | None = None
     """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     episodes: int = 200
@@ -71,7 +72,7 @@ class Robustness:
     """Sweep friction, remanence, the magnet's place, force noise and delay; write a heat map and its numbers."""
 
     policy: tyro.conf.Positional[str]
-    """A run's or policy's folder, an SB3 .zip, a controller's name, or module:thing of your own."""
+    """A run's or policy's folder, trained/…, an SB3 .zip, a controller's name, or module:thing of your own."""
     task: str | None = None
     """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
     episodes: int = 50
@@ -328,5 +329,5 @@ def main(arguments: list[str] | None = None) -> None:
 
 _RUN: dict[type, Callable[[Any], Any]] = {
     Train: train_seeds, Export: export, Evaluate: evaluate, Robustness: robustness, Benchmark: benchmark, Tune: tune,
-    Validate: validate, Figures: figures, Cache: cache,
+    Validate: validate, Figures: figures, Policies: policies, Cache: cache,
 }  # fmt: skip

@@ -93,7 +93,7 @@ def test_the_command_takes_a_class_from_outside_the_package(module, capsys):
         ("no_such_module:Thing", "importable module:thing, got 'no_such_module:Thing'"),
         ("own_controllers:Other", "importable module:thing"),
         ("numpy:pi", "must name a class with from_env"),
-        ("Nobody", "policy must be a run's or policy's folder, an SB3 .zip, module:thing or one of MaxForce"),
+        ("Nobody", "policy's folder, trained/…, an SB3 .zip, module:thing or one of MaxForce"),
     ],
 )
 def test_names_of_nothing_are_refused(module, name, words):
