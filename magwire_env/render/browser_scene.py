@@ -221,7 +221,7 @@ class Board:
         size = 0.016 * self.width
         self._point = server.scene.add_icosphere("/map_point", radius=size, color=paint.TIP)
         self._path = server.scene.add_line_segments(
-            "/map_path", np.zeros((1, 2, 3), dtype=np.float32), paint.TIP, line_width=2.5
+            "/map_path", np.zeros((1, 2, 3), dtype=np.float32), paint.TIP, thickness=2.5, thickness_units="screen"
         )
         self._way: list[np.ndarray] = []
         self._time, self._command, self._last = 0.0, 0.0, np.zeros(3)
@@ -259,7 +259,7 @@ class Board:
         if time < self._time or time == 0.0:
             self._way = []
             self._path.points = np.zeros((1, 2, 3), dtype=np.float32)
-        elif time - self._time < 0.1:
+        elif time - self._time < 0.1 - 1e-9:
             return
         else:
             around = self.map.dof.turn and abs(command - self._command) > np.pi
