@@ -10,7 +10,6 @@ the file, conjugate points of the Kirchhoff rod, is independent of both.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +32,7 @@ BAR, SCATTER = 1.6, 9.9
 """%: the largest mean error allowed, and the largest error of a single measurement against theory."""
 
 
-def departures(c1: Sequence[float], c2: Sequence[float], measured: Sequence[float], segments: int) -> np.ndarray:
+def departures(c1: np.ndarray, c2: np.ndarray, measured: np.ndarray, segments: int) -> np.ndarray:
     """κL (n,) at which the rods leave their helices; NaN where that is not within `AROUND` of the measured κL (n,)."""
     return np.array([
         departure(*case, segments, factors=AROUND) for case in zip(c1, c2, measured, strict=True)
