@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from magwire_env.validation.free.pictures import in_the_fork
 from magwire_env.validation.page import UNLOCKED
 from magwire_env.validation.unlocked import POLICIES, crossings, table
 
@@ -33,3 +34,9 @@ def test_the_page_shows_every_policy_and_clearance():
     assert len(lines) == 2 + 7 * len(POLICIES)
     assert lines[2].startswith("| fixed magnet, greatest F·t | locked, driven by F·t | 7.5 s |")
     assert all(" never | 0.10 m |" in line for line in lines[4:9])
+
+
+def test_the_field_chooses_the_branch_of_the_fork():
+    left, right = (in_the_fork(turn)[-1] for turn in (-0.9, 0.9))
+    assert left[1] > 15e-3
+    assert right[1] == pytest.approx(-left[1], rel=0.02)
