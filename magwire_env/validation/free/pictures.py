@@ -1,7 +1,7 @@
 """Four pictures of the free wire: a fork, the whip, the helix, lock-up.
 
-`python -m magwire_env.validation.free.pictures` writes docs/figures/figure11_free_wire.png, which docs/physics.md shows,
-or the file that is named.
+`python -m magwire_env.validation.free.pictures` writes docs/figures/figure11_free_wire.png, which docs/physics.md
+shows, or the file that is named.
 """
 
 from __future__ import annotations
