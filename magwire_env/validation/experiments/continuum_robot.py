@@ -20,6 +20,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ...plotting import BLUE, GREY, ORANGE, blank, styled
+from ..report import Row
 from .report import Outcome, published, rows_of_file
 
 __all__ = ["Setting", "fitted_poses", "fitted_setting", "rod", "run"]
@@ -157,7 +158,7 @@ def run(file: Path) -> Outcome:
     place, turn = np.hypot(gaps[:, 0], gaps[:, 1]), np.abs(gaps[:, 2])
     source = "SOFA on the commands, by its authors"
     angle, sofa_angle = math.degrees(float(turn.mean())), math.degrees(SOFA[1])
-    rows = (
+    rows: tuple[Row, ...] = (
         published("≤", "open run: mean distance of the tip", "mm", 1e3 * SOFA[0], source, 1e3 * float(place.mean())),
         published("≤", "open run: mean error of the tip's angle", "°", sofa_angle, source, angle),
     )
