@@ -22,8 +22,9 @@ from ..quasistatic.rigs import following
 from ..scenario import Scenario
 from ..simulation import Simulator
 from ..simulation.readout import ROW
+from .report import format_table
 
-__all__ = ["CLEARANCES", "Crossing", "Policy", "crossings", "with_clearance"]
+__all__ = ["CLEARANCES", "POLICIES", "Crossing", "Policy", "crossings", "table", "with_clearance"]
 
 CLEARANCES = (0.1e-3, 0.3e-3, 1e-3, 2e-3, 5e-3)
 """m, between the wire's surface and the wall."""
@@ -89,21 +90,44 @@ def with_clearance(scenario: Scenario, clearance: float) -> Scenario:
 
 
 def crossings(
-    policies: Sequence[Policy] = POLICIES, clearances: Sequence[float] = CLEARANCES, seconds: float = SECONDS
+    policies: Sequence[Policy] = POLICIES,
+    clearances: Sequence[float] = CLEARANCES,
+    seconds: float = SECONDS,
+    friction: float | None = None,
+    segments: int | None = None,
+    start: float | None = None,
 ) -> list[Crossing]:
-    """Every policy with the locked wire under both couplings, then with the free one at every clearance (m)."""
-    found = []
+    """Every policy with the locked wire under both couplings, then with the free one at every clearance (m).
+
+    friction, segments : other than the paper scenario's
+    start : m, where the tips lie at first, by default the wire's length: the whole wire just inside
+    """
+    found, paper = [], Scenario.paper()
+    if friction is not None:
+        paper = paper.replace(contact__friction=friction)
+    if segments is not None:
+        paper = paper.replace(wire__segments=segments)
     for policy in policies:
-        paper = Scenario.paper()
         scenario = paper.replace(rig=following(paper.tract)) if policy.follows else paper
         commands = _commands(scenario, policy.coupling)
         locked = [scenario.replace(coupling=coupling) for coupling in ("force", "wrench")]
         free = [with_clearance(scenario, clearance) for clearance in clearances]
-        found += _moved(locked, commands, policy, ("locked, driven by F·t", "locked, driven by Q"), seconds)
+        found += _moved(locked, commands, policy, ("locked, driven by F·t", "locked, driven by Q"), seconds, start)
         if free:
             names = [f"free, clearance {1e3 * c:g} mm" for c in clearances]
-            found += _moved(free, commands, policy, names, seconds)
+            found += _moved(free, commands, policy, names, seconds, start)
     return found
+
+
+def table(found: Sequence[Crossing]) -> str:
+    """Crossings as Markdown."""
+    head = ("magnet, command of", "wire", "at 0.79 m after", "farthest", "force on the wall, mean", "largest")
+    lines: list[tuple[str, ...]] = [
+        (c.policy.text, c.wire, "never" if math.isnan(c.time) else f"{c.time:.1f} s", f"{c.farthest:.2f} m",
+         f"{1e3 * c.wall:.0f} mN", f"{1e3 * c.peak:.0f} mN")
+        for c in found
+    ]  # fmt: skip
+    return format_table(head, lines, markdown=True)
 
 
 def _commands(scenario: Scenario, coupling: str) -> np.ndarray:
@@ -113,12 +137,17 @@ def _commands(scenario: Scenario, coupling: str) -> np.ndarray:
 
 
 def _moved(
-    scenarios: Sequence[Scenario], commands: np.ndarray, policy: Policy, names: Sequence[str], seconds: float
+    scenarios: Sequence[Scenario],
+    commands: np.ndarray,
+    policy: Policy,
+    names: Sequence[str],
+    seconds: float,
+    start: float | None,
 ) -> list[Crossing]:
     """One wire of each of the scenarios, all at once."""
     n = len(scenarios)
     sim = Simulator(list(scenarios), n, lane_scenario=np.arange(n))
-    start = scenarios[0].wire.length
+    start = scenarios[0].wire.length if start is None else start
     sim.reset(tip_arclength=start, magnet=np.tile(commands[_row(commands, np.array([start]))], (n, 1)))
     tips, walls, peaks, bad = [], [], [], np.zeros(n, dtype=np.int64)
     for _ in range(round(seconds / sim.control_period)):

@@ -19,8 +19,9 @@ def test_a_helix_that_never_holds_has_no_departure():
 
 @pytest.mark.skipif(not FILE.is_file(), reason="the measured helices are not here")
 def test_few_helices_of_fewer_segments_leave_where_theory_says():
-    rows = rows_of_file(FILE, ("c1", "c2", "kL_measured", "kL_theory"))[::37]
-    c1, c2, measured, theory = ([float(row[n]) for row in rows] for n in ("c1", "c2", "kL_measured", "kL_theory"))
+    names = ("c1", "c2", "kL_measured", "kL_theory")
+    rows = rows_of_file(FILE, names)[::37]
+    c1, c2, measured, theory = (np.array([float(row[name]) for row in rows]) for name in names)
     np.testing.assert_allclose(helices.departures(c1, c2, measured, 50), theory, rtol=5e-3)
 
 
