@@ -29,6 +29,9 @@ LENGTH_SCALE = 0.1
 PREVIEW_OFFSETS = (0.0, 0.01, 0.02, 0.04, 0.06, 0.08)
 """m ahead of the tip at which `tract_preview` looks."""
 
+CLOSE_SCALES = (5e-3, 0.02, 0.1)
+"""m; `goal_close` is finest within these."""
+
 REFERENCE_OFFSETS = (0.0, 0.5, 1.0, 2.0)
 """s ahead at which `reference_preview` looks."""
 
@@ -143,6 +146,14 @@ def _reference(sim: Simulator, episodes: Episodes) -> np.ndarray:
     return (episodes.reference_ahead(np.array(REFERENCE_OFFSETS)) - sim.travelled[:, None]) / LENGTH_SCALE
 
 
+def _close_numbers(sim: Simulator) -> Sequence[Number]:
+    return [Number(quantity="length", label=f"tanh at {1e3 * scale:g} mm") for scale in CLOSE_SCALES]
+
+
+def _close(sim: Simulator, episodes: Episodes) -> np.ndarray:
+    return np.tanh(sim.remaining[:, None] / np.array(CLOSE_SCALES))
+
+
 def _always(reader: Reader) -> Callable[[Simulator], Reader]:
     """A reader that needs no preparation."""
     return partial(_given, reader)
@@ -167,6 +178,10 @@ CHANNELS: dict[str, Channel] = {
         _magnet_speeds, _always(_turned), watches_rig=True,
     ),
     "distance_left": Channel(2, "way left to the goal / tract length", partial(_of_route, kind=kernels.DISTANCE_LEFT)),
+    "goal_close": Channel(
+        1, "way left to the goal / 5, 20 and 100 mm, each through tanh: fine where the goal is close",
+        _close_numbers, _always(_close),
+    ),
     "tip_force": Channel(10, "magnetic force on the tip, x y z / 10 mN", _rows(ROW.force_x, FORCE_SCALE, "force", 3)),
     "tip_torque": Channel(10, "magnetic torque on the tip / 1 mN·m", _rows(ROW.torque, TORQUE_SCALE, "torque")),
     "wall_force": Channel(10, "force on the wall / 0.1 N", _rows(ROW.wall, WALL_SCALE, "force")),

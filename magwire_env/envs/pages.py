@@ -36,7 +36,7 @@ _VERSIONS = {
     "MagWire/SteerAny-v1": "* v1: only tracts that no held command crosses; its magnet is turned by rates\n* v0: first",
     "MagWire/Hard-v1": "* v1: first; only tracts that no held command crosses",
     "MagWire/Reach-v1": "* v1: starts and targets where the tip can stand; the far end ends the episode; "
-    "the magnet is turned by rates\n* v0: first",
+    "the way left is also shown finely; the magnet is turned by rates\n* v0: first",
     "MagWire/Track-v1": "* v1: the magnet starts where it holds the tip; the far end ends the episode; "
     "the magnet is turned by rates\n* v0: first",
     "MagWire/Steer-v0": "* v0: first. Holding the magnet at home passes it: see v1",

@@ -84,7 +84,13 @@ TASKS = {
         Task("MagWire/Chase-v0", _STEER, pool="Chase", time_limit=60.0, observe=_AHEAD),
         Task("MagWire/Dual-v0", _STEER, pool="Dual", time_limit=60.0, observe=_AHEAD),
         Task("MagWire/Steer-v1", _IN_AND_OUT, Scenario.paper, goal_margin=_TURNING_ROOM),
-        Task("MagWire/Reach-v1", _REACH_STANDING, Scenario.paper, action_mode="rate"),
+        Task(
+            "MagWire/Reach-v1",
+            _REACH_STANDING,
+            Scenario.paper,
+            observe=(*DEFAULT_CHANNELS, "goal_close"),
+            action_mode="rate",
+        ),
         Task(
             "MagWire/Track-v1",
             _TRACK_STANDING,

@@ -90,6 +90,17 @@ def test_track_follows_its_own_reference_and_scores_the_error():
     assert info["is_success"] == (info["summary"]["rms_error"] <= 5e-3)
 
 
+def test_reach_shows_finely_how_close_the_goal_is():
+    env = gym.make("MagWire/Reach-v1")
+    observation, _ = env.reset(seed=3)
+    core = env.unwrapped.core
+    for _ in range(5):
+        shown = observation[core.observer.part("goal_close")]
+        way = core.goal[0] - core.sim.tip_arclength[0]
+        assert shown == pytest.approx(np.tanh(way / np.array([5e-3, 20e-3, 100e-3])), abs=1e-6)
+        observation, *_ = env.step(env.action_space.sample())
+
+
 def test_the_goal_env_rewards_any_goals_alike():
     env = gym.make("MagWire/ReachGoal-v0")
     check_env(env.unwrapped, skip_render_check=True)
