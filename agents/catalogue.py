@@ -82,7 +82,7 @@ REFERENCE = MaxForce.__name__
 FLOORS = tuple(n for n, c in CONTROLLERS.items() if getattr(c, "sees_nothing", False) or getattr(c, "floor", False))
 """Controllers that see nothing, and the untrained policy."""
 
-_DEFAULT_TASK = "MagWire/Steer-v0"
+_DEFAULT_TASK = "MagWire/Steer-v1"
 
 C = TypeVar("C", bound=type)
 
@@ -147,7 +147,7 @@ def resolve(
     """The policy of a name: a controller's, ``module:thing``, a run's or policy's folder, ``trained/…``, or an SB3
     zip file.
 
-    task : by default the policy's own task, or MagWire/Steer-v0; ``module:id`` imports the module first
+    task : by default the policy's own task, or MagWire/Steer-v1; ``module:id`` imports the module first
     scenario : a TOML file or a shipped name, in place of the task's
     split : of a generated task's tracts, unless there is a scenario
     trust : also open files that can carry a program, see `agents.learning.load`

@@ -27,7 +27,7 @@ class Record:
     policy: str | None = None
     """A run's or policy's folder, or a controller's name; by default commands to and fro that tell parameters apart."""
     task: str | None = None
-    """Environment id for a policy; by default the policy's own task, or MagWire/Steer-v0."""
+    """Environment id for a policy; by default the policy's own task, or MagWire/Steer-v1."""
     seconds: float = 20.0
     """Length without a policy."""
     episodes: int = 1

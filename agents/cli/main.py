@@ -50,7 +50,7 @@ class Evaluate:
     policy: tyro.conf.Positional[str]
     """A run's or policy's folder, trained/…, an SB3 .zip, a controller such as MaxForce, or a module:thing."""
     task: str | None = None
-    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v1."""
     episodes: int = 200
     """Number of episode seeds."""
     scenario: str | None = None
@@ -74,7 +74,7 @@ class Robustness:
     policy: tyro.conf.Positional[str]
     """A run's or policy's folder, trained/…, an SB3 .zip, a controller's name, or module:thing of your own."""
     task: str | None = None
-    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v1."""
     episodes: int = 50
     """Number of episode seeds for each disturbance."""
     scenario: str | None = None
@@ -223,7 +223,7 @@ def benchmark(options: Benchmark) -> None:
 class Tune:
     """Search an algorithm's hyperparameters on a task with Optuna, and write the study as YAML."""
 
-    task: str = "MagWire/Steer-v0"
+    task: str = "MagWire/Steer-v1"
     """Environment id."""
     algorithm: Algorithm = "ppo"
     """Learning algorithm."""

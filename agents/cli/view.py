@@ -27,7 +27,7 @@ __all__ = ["RUN", "Play", "Plot", "Video", "View"]
 class Play:
     """Steer by hand in a window, by mouse or keyboard, with a score and the paper's policy to beat."""
 
-    task: str = "MagWire/Steer-v0"
+    task: str = "MagWire/Steer-v1"
     """Environment id."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
@@ -47,7 +47,7 @@ class View:
 
     policies: tyro.conf.Positional[tuple[str, ...]] = ()
     """Runs, trained/…, SB3 .zip files or module:thing to choose from beside the controllers; no other can be chosen."""
-    task: str = "MagWire/Steer-v0"
+    task: str = "MagWire/Steer-v1"
     """Environment id to begin with."""
     scenario: str | None = None
     """A TOML file or a shipped name to begin with."""
@@ -70,7 +70,7 @@ class Video:
     policy: tyro.conf.Positional[str]
     """A run's or policy's folder, trained/…, an SB3 .zip, a controller's name, or module:thing of your own."""
     task: str | None = None
-    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v1."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = EVALUATION_SEED
@@ -92,7 +92,7 @@ class Plot:
     policy: tyro.conf.Positional[str]
     """A run's or policy's folder, trained/…, an SB3 .zip, a controller's name, or module:thing of your own."""
     task: str | None = None
-    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v1."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = EVALUATION_SEED

@@ -38,7 +38,7 @@ BAD_INPUT = (ValueError, OSError, gym.error.Error)
 class Config:
     """What a run is made of."""
 
-    task: str = "MagWire/Steer-v0"
+    task: str = "MagWire/Steer-v1"
     """Environment id."""
     algorithm: Algorithm = "ppo"
     """Learning algorithm; its hyperparameters are in agents/hyperparameters."""

@@ -10,11 +10,11 @@ import math
 
 import numpy as np
 
+from magwire_env.compiled import precise
 from magwire_env.quasistatic.balance import Tails
 from magwire_env.quasistatic.net_force import TipForces, greatest
 from magwire_env.scenario import Scenario
 from magwire_env.simulation import Library, Places, Simulator
-from magwire_env.compiled import precise
 
 __all__ = ["Fastest", "least_time"]
 

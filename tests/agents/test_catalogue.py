@@ -66,8 +66,10 @@ def test_what_is_listed():
 def test_a_registered_controller_has_a_name_everywhere(registered):
     assert controller("Mine") is registered
     own = resolve("Mine", split="test")
-    assert (own.name, own.task, own.settings) == ("Mine", ID, {})
-    assert np.array_equal(evaluate(own.policy, ID, 2).time, evaluate(MaxForce.from_env, ID, 2).time)
+    assert (own.name, own.task, own.settings) == ("Mine", "MagWire/Steer-v1", {})
+    assert np.array_equal(
+        evaluate(own.policy, "MagWire/Steer-v1", 2).time, evaluate(MaxForce.from_env, "MagWire/Steer-v1", 2).time
+    )
 
 
 def test_registering_refuses_taken_names_bad_names_and_other_things(registered):

@@ -65,7 +65,7 @@ def test_a_run_for_each_seed(tmp_path, capsys, monkeypatch):
     ]
     magwire([*asked, "--run", str(tmp_path)])
     said = capsys.readouterr().out
-    folders = [tmp_path / f"Steer-v0-ppo-seed{seed}" for seed in (0, 1)]
+    folders = [tmp_path / f"Steer-v1-ppo-seed{seed}" for seed in (0, 1)]
     for seed, folder in enumerate(folders):
         assert f"done      {folder}" in said
         assert json.loads((folder / "config.json").read_text())["config"]["seed"] == seed

@@ -87,7 +87,7 @@ def test_what_is_for_training_alone_reaches_no_evaluation(tmp_path):
 
 
 def test_generated_tasks_choose_their_model_on_tracts_of_neither_training_nor_test(tmp_path):
-    config = Config(run=tmp_path / "r", task="MagWire/SteerAny-v0", **SMALL)
+    config = Config(run=tmp_path / "r", **SMALL | {"task": "MagWire/SteerAny-v0"})
     run = Run.open(config, {"env": {"pool_size": 2}})
     chosen_on = set(run.validation["scenario"])
     for split in ("train", "test"):
