@@ -66,6 +66,10 @@ _BRANCH = _Stride(turn=0.3, approach=0.3, shortest=2.0**-12)
 _RAMP = _Stride(turn=1.0, approach=0.6, shortest=2.0**-6)  # from rest, where any equilibrium will do
 
 
+_PROFILES = ("bending", "axial", "mass_per_length", "curl", "curl_across", "magnetisation")
+"""Properties that may change along a `Guidewire`, which this rod does not know."""
+
+
 class NotConverged(RuntimeError):
     """No stable equilibrium was reached.
 
@@ -108,7 +112,7 @@ class _Found(NamedTuple):
 class FreeRod:
     """A wire clamped at the origin along +x, its tip magnet free.
 
-    wire : its segments, stiffness and, for `gravity`, mass
+    wire : its segments, stiffness and, for `gravity`, mass; `ValueError` for one with profiles along it
     tip : the magnet at the last node; its moment points along the last segment, outwards. None for a rod that is
         magnetised along its length alone
     magnetisation : moment along the tangent per length of wire, A·m²/m: a function of the arc length from the clamp,
@@ -141,6 +145,12 @@ class FreeRod:
             known = isinstance(value, kind)
             if not known:
                 raise ValueError(f"FreeRod.{name} must be a {name} from magwire_env.physics, got {value!r}")
+        for name in _PROFILES:
+            if getattr(wire, name) is not None:
+                raise ValueError(
+                    f"FreeRod.wire must be uniform, without Guidewire.{name} (a profile); simulate it with "
+                    f'Scenario(model="free") instead, got {getattr(wire, name)!r}'
+                )
         self.wire = wire
         self.tip = tip
         self.segment_moments = segment_moments("FreeRod.magnetisation", magnetisation, wire.segments, wire.length)
