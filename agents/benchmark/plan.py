@@ -103,7 +103,7 @@ def _arena_of(task: Task) -> Arena:
 ARENAS: tuple[Arena, ...] = (
     *map(_arena_of, TASKS.values()),
     Arena("SteerAny ood", "MagWire/SteerAny-v1", split="ood", models="SteerAny", episodes=100),
-    Arena("Chase ood", "MagWire/Chase-v0", split="ood", models="Chase"),
+    Arena("Chase ood", "MagWire/Chase-v1", split="ood", models="Chase"),
     Arena("hard scenario", "MagWire/Steer-v0", scenario=HARD),
     Arena(
         "SteerAny force only", "MagWire/SteerAny-v1", split="test", episodes=500,
@@ -121,11 +121,11 @@ _KNOWING = tuple(name for name in _LEARNED if name not in ("Steer", "hard scenar
 
 LEARNERS: tuple[Learner, ...] = (
     Learner("ppo", _LEARNED, 5),
-    Learner("knows_ppo", _KNOWING, 5),
-    Learner("sac", ("Steer", "SteerAny", "Chase"), 3),
-    Learner("tqc", ("Steer", "SteerAny", "Chase"), 3),
-    Learner("crossq", ("Steer", "SteerAny", "Chase"), 3),
-    Learner("stacked_ppo", _FORCE_ONLY, 5),
+    Learner("knows_ppo", _KNOWING, 3),
+    Learner("sac", ("Steer", "SteerAny"), 3),
+    Learner("tqc", ("Steer", "SteerAny"), 3),
+    Learner("crossq", ("Steer", "SteerAny"), 3),
+    Learner("stacked_ppo", _FORCE_ONLY, 3),
 )
 
 

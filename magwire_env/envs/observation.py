@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from ..quasistatic.preview import DrivePreview
+from ..quasistatic.sight import SightPreview
 from ..simulation import Simulator
 from ..simulation.lanes import LANES
 from ..simulation.readout import ROW
@@ -138,6 +139,20 @@ class _DriveReader:
         return self._preview.read() / FORCE_SCALE
 
 
+def _sights(sim: Simulator) -> Sequence[Number]:
+    return [Number(quantity="length")] * SightPreview(sim, np.array(PREVIEW_OFFSETS), LENGTH_SCALE).size
+
+
+class _SightReader:
+    """`SightPreview` over the length scale."""
+
+    def __init__(self, sim: Simulator) -> None:
+        self._preview = SightPreview(sim, np.array(PREVIEW_OFFSETS), LENGTH_SCALE)
+
+    def __call__(self, sim: Simulator, episodes: Episodes) -> np.ndarray:
+        return self._preview.read()
+
+
 def _reference_numbers(sim: Simulator) -> Sequence[Number]:
     return [Number(scale=LENGTH_SCALE, quantity="length")] * len(REFERENCE_OFFSETS)
 
@@ -191,6 +206,12 @@ CHANNELS: dict[str, Channel] = {
         10, "centreline 0, 10, 20, 40, 60, 80 mm ahead of the tip: points from the first magnet's centre / 0.1 m, "
         "then tangents",
         _preview_numbers, _always(_preview),
+    ),
+    "magnet_preview": Channel(
+        10, "centreline 0, 10, 20, 40, 60, 80 mm ahead of the tip and how every magnet stands to it, without any force: "
+        "along tangent, line from the magnet and curvature vector · 0.1 m, the line (its second number is the distance / "
+        "0.1 m), the moment's direction, what a radian of each turn adds to that, and each slide's axis",
+        _sights, _SightReader,
     ),
     "drive_preview": Channel(
         10, "drive 0, 10, 20, 40, 60, 80 mm ahead of the tip / 10 mN, each followed by its slope by every degree of "

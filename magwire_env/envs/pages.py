@@ -33,9 +33,15 @@ ABOUT = {
 
 _VERSIONS = {
     "MagWire/Steer-v1": "* v1: in and back out; holding the magnet at home passes v0\n* v0: first, the way in alone",
-    "MagWire/SteerAny-v1": "* v1: only tracts that no held command crosses; its magnet is turned by rates\n* v0: first",
+    "MagWire/SteerAny-v1": "* v1: only tracts that no held command crosses; shows how the magnet stands to the tract ahead, "
+    "and turns it by rates\n* v0: first",
     "MagWire/Hard-v1": "* v1: first; only tracts that no held command crosses",
-    "MagWire/Reach-v1": "* v1: starts and targets where the tip can stand; the far end ends the episode; "
+    **dict.fromkeys(
+        ("MagWire/Orient-v1", "MagWire/Chase-v1", "MagWire/Dual-v1"),
+        "* v1: shows how the magnets stand to the tract ahead, and moves them by rates; the tracts are those of v0\n"
+        "* v0: first",
+    ),
+    "MagWire/Reach-v1": "* v1: starts and targets where the tip can stand, held for 2 s; the far end ends the episode; "
     "the way left is also shown finely; the magnet is turned by rates\n* v0: first",
     "MagWire/Track-v1": "* v1: the magnet starts where it holds the tip; the far end ends the episode; "
     "the magnet is turned by rates\n* v0: first",

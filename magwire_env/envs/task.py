@@ -66,6 +66,9 @@ class Task:
 
 
 _AHEAD = (*DEFAULT_CHANNELS, "tract_preview")
+_SIGHT = (*DEFAULT_CHANNELS[1:], "magnet_preview")
+"""Where on which tract the tip is, a policy is not told: it would learn its training tracts by heart."""
+
 _STEER, _IN_AND_OUT, _REACH, _TRACK, _REACH_STANDING, _TRACK_STANDING = KINDS.values()
 
 _TURNING_ROOM = 0.09
@@ -83,11 +86,18 @@ TASKS = {
         Task("MagWire/Orient-v0", _STEER, pool="Orient", time_limit=60.0, observe=_AHEAD),
         Task("MagWire/Chase-v0", _STEER, pool="Chase", time_limit=60.0, observe=_AHEAD),
         Task("MagWire/Dual-v0", _STEER, pool="Dual", time_limit=60.0, observe=_AHEAD),
-        Task("MagWire/Steer-v1", _IN_AND_OUT, Scenario.paper, goal_margin=_TURNING_ROOM),
+        Task(
+            "MagWire/Steer-v1",
+            _IN_AND_OUT,
+            Scenario.paper,
+            goal_margin=_TURNING_ROOM,
+            observe=(*DEFAULT_CHANNELS, "magnet_preview"),
+        ),
         Task(
             "MagWire/Reach-v1",
             _REACH_STANDING,
             Scenario.paper,
+            hold=2.0,
             observe=(*DEFAULT_CHANNELS, "goal_close"),
             action_mode="rate",
         ),
@@ -98,8 +108,16 @@ TASKS = {
             observe=(*DEFAULT_CHANNELS, "reference_preview"),
             action_mode="rate",
         ),
-        Task("MagWire/SteerAny-v1", _STEER, pool="SteerAny-v1", time_limit=60.0, observe=_AHEAD, action_mode="rate"),
-        Task("MagWire/Hard-v1", _STEER, pool="Hard-v1", time_limit=60.0, observe=_AHEAD, action_mode="rate"),
+        *(
+            Task(f"MagWire/{name}-v1", _STEER, pool=pool, time_limit=60.0, observe=_SIGHT, action_mode="rate")
+            for name, pool in (
+                ("SteerAny", "SteerAny-v1"),
+                ("Hard", "Hard-v1"),
+                ("Orient", "Orient"),
+                ("Chase", "Chase"),
+                ("Dual", "Dual"),
+            )
+        ),
     )
 }
 

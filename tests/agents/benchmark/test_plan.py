@@ -17,7 +17,7 @@ def test_every_registered_task_is_an_arena():
     assert {arena.task for arena in ARENAS} == set(TASKS)
     by_name = {arena.name: arena for arena in ARENAS}
     assert len(by_name) == len(ARENAS)
-    for name, task in (("Steer", "MagWire/Steer-v1"), ("Steer-v0", "MagWire/Steer-v0"), ("Chase", "MagWire/Chase-v0")):
+    for name, task in (("Steer", "MagWire/Steer-v1"), ("Steer-v0", "MagWire/Steer-v0"), ("Chase", "MagWire/Chase-v1")):
         assert by_name[name].task == task
     for name in ("SteerAny", "Chase"):
         assert (by_name[name].split, by_name[name].episodes) == ("test", 500)
