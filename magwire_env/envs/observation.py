@@ -208,9 +208,9 @@ CHANNELS: dict[str, Channel] = {
         _preview_numbers, _always(_preview),
     ),
     "magnet_preview": Channel(
-        10, "centreline 0, 10, 20, 40, 60, 80 mm ahead of the tip and how every magnet stands to it, without any force: "
-        "along tangent, line from the magnet and curvature vector · 0.1 m, the line (its second number is the distance / "
-        "0.1 m), the moment's direction, what a radian of each turn adds to that, and each slide's axis",
+        10, "how every magnet stands to the centreline 0, 10, 20, 40, 60, 80 mm ahead of the tip, without force: the "
+        "line from it (in place of its second number the distance / 0.1 m), its moment's direction, what a radian of "
+        "each turn adds to that, and the axis of each slide, along tangent, line and curvature vector · 0.1 m",
         _sights, _SightReader,
     ),
     "drive_preview": Channel(

@@ -54,7 +54,7 @@ class FromEnv:
 class Network(torch.nn.Module):
     def __init__(self):
         super().__init__()
-        self.inner = torch.nn.Sequential(torch.nn.Linear(7, 1), torch.nn.Dropout(0.9), torch.nn.Tanh())
+        self.inner = torch.nn.Sequential(torch.nn.Linear(61, 1), torch.nn.Dropout(0.9), torch.nn.Tanh())
 
     def forward(self, observation):
         return self.inner(observation)
@@ -122,7 +122,7 @@ def test_networks_play_as_in_evaluation(own):
     """No dropout, no gradients."""
     sys.path.append(str(own))
     policy = resolve("own_policies:Network").policy(None)
-    x = np.ones((3, 7), dtype=np.float32)
+    x = np.ones((3, 61), dtype=np.float32)
     first, again = policy.predict(x)[0], policy.predict(x)[0]
     assert np.array_equal(first, again)
     assert first.dtype == np.float32
@@ -146,7 +146,7 @@ def test_a_memory_starts_afresh_with_every_episode():
 
 @pytest.mark.parametrize("algorithm", [PPO, SAC])
 def test_a_zip_of_sb3_plays_with_its_normalisation(algorithm, own, capsys):
-    venv = VecNormalize(make_vec_env(ID, 4, seed=0))
+    venv = VecNormalize(make_vec_env("MagWire/Steer-v1", 4, seed=0))
     small = {"n_steps": 8, "batch_size": 32} if algorithm is PPO else {"learning_starts": 10, "batch_size": 16}
     model = algorithm("MlpPolicy", venv, seed=0, device="cpu", policy_kwargs={"net_arch": [8]}, **small)
     model.learn(64)
@@ -160,7 +160,7 @@ def test_a_zip_of_sb3_plays_with_its_normalisation(algorithm, own, capsys):
     assert "\nmine " in printed.out
     assert f"no vecnormalize.pkl beside {saved.name}/mine.zip" in printed.err
     venv.save(str(saved / "vecnormalize.pkl"))
-    observations = np.random.default_rng(0).normal(size=(5, 7)).astype(np.float32)
+    observations = np.random.default_rng(0).normal(size=(5, 61)).astype(np.float32)
     expected, _ = model.predict(venv.normalize_obs(observations), deterministic=True)
     assert np.allclose(
         resolve(f"{saved.name}/mine.zip", trust=True).policy.predict(observations)[0], expected, atol=1e-6
@@ -181,7 +181,7 @@ def test_a_zip_of_something_else_is_refused(own):
     [
         (
             "two",
-            r"the policy two must answer observations of shape \(2, 7\) of MagWire/Steer-v1 .*with actions",
+            r"the policy two must answer observations of shape \(2, 61\) of MagWire/Steer-v1 .*with actions",
         ),
         ("number", "policy must name a class with from_env"),
         ("Needs", "made without arguments, or one with from_env.*needs weights, gain"),
