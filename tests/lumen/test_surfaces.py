@@ -47,3 +47,32 @@ def test_a_closed_mesh_is_entered_through_its_wall_and_its_flat_end_has_no_branc
     assert np.linalg.norm(found.position("inlet") - known.position("inlet")) < 2e-4
     assert found.contains(np.array([-0.01, 0.0, 0.0]))  # the way in is open
     assert np.linalg.norm(found.position("b0") - known.position("trunk")) < 2e-4
+
+
+def test_sides_that_neighbours_share_are_those_of_each_point_itself(tmp_path):
+    known = fork(35.0, 4e-3, 0.03)
+    meshed(known, 3.0, tmp_path / "known.stl")
+    lumen = loaded(known, tmp_path / "known.stl")
+    rng = np.random.default_rng(0)
+    low, high = lumen.bounds
+    on_wall = lumen.wall.vertices[rng.integers(len(lumen.wall.vertices), size=10_000)]
+    xyz = np.concatenate(
+        [rng.uniform(low - 0.01, high + 0.01, (10_000, 3)), on_wall + rng.normal(0, 5e-4, (10_000, 3))]
+    )
+    inside = lumen.wall.inside(xyz)
+    assert 0.1 < inside.mean() < 0.9
+    assert np.array_equal(lumen.wall.distance(xyz)[0] > 0.0, inside)
+
+
+def test_the_way_in_opens_the_wall_wherever_it_reaches(tmp_path):
+    known = fork(35.0, 4e-3, 0.03)
+    meshed(known, 3.0, tmp_path / "known.stl")
+    lumen = loaded(known, tmp_path / "known.stl")
+    rng = np.random.default_rng(1)
+    xyz = lumen.position("inlet") + np.concatenate([rng.normal(0, size, (5_000, 3)) for size in (3e-3, 0.01, 0.05)])
+    of_surface, of_entry = lumen.wall.distance(xyz), lumen._entry.distance(xyz)
+    better = of_entry[0] > of_surface[0]
+    assert 0.1 < better.mean() < 0.9
+    distance, gradient = lumen.wall_distance_and_gradient(xyz)
+    assert np.array_equal(distance, np.maximum(of_surface[0], of_entry[0]))
+    assert np.array_equal(gradient, np.where(better[:, None], of_entry[1], of_surface[1]))
