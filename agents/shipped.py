@@ -1,6 +1,6 @@
 """Trained policies that come with the package, in the safe form: ``agents/trained/<name>/`` and a manifest of them all.
 
-A command takes such a policy as ``trained/<name>``, for example ``trained/Steer-v0``. `agents.cli.policies` lists them,
+A command takes such a policy as ``trained/<name>``, for example ``trained/Steer-v1``. `agents.cli.policies` lists them,
 and fills the folder from the runs of a benchmark.
 """
 
@@ -43,7 +43,7 @@ class Trained:
     success_rate : in it
     median_time_s : of the successful episodes; None without any
     median_rms_error_m : of a tracking task; None elsewhere
-    score : interquartile mean against the par; None if it was not compared
+    score : mean against the par, failures as 0; None if it was not compared
     """
 
     name: str

@@ -82,13 +82,13 @@ class Candidate:
     """The best policy of a run.
 
     name : under which it would be shipped: its task's, with the scenario or the algorithm where it is no usual one
-    held_out : success rate, minus the median time and mean reward on the held-out episodes that chose it
+    held_out : its `goodness` on the held-out episodes that chose it
     """
 
     folder: Path
     policy: PlainPolicy
     name: str
-    held_out: tuple[float, float, float]
+    held_out: tuple[float, float]
 
 
 def candidates(places: Sequence[Path]) -> Iterator[Candidate]:
@@ -130,18 +130,14 @@ def _name(policy: PlainPolicy) -> str:
     return "-".join(words)
 
 
-def _held_out(folder: Path) -> tuple[float, float, float]:
+def _held_out(folder: Path) -> tuple[float, float]:
     """Of the row of the learning curve that its best policy is of."""
-    from agents.learning.training import curve_of, read_curve
+    from agents.learning.training import curve_of, goodness, read_curve
 
     path = curve_of(folder)
     if path is None:
         raise ValueError("it has no learning curve, which says how good it is")
-    return max((row["success_rate"], _speed(row["median_time_s"]), row["mean_reward"]) for row in read_curve(path))
-
-
-def _speed(time: float) -> float:
-    return -time if time == time else -float("inf")
+    return max(map(goodness, read_curve(path)))
 
 
 def collect(places: Sequence[Path], out: Path, episodes: int, par: bool) -> None:

@@ -73,11 +73,10 @@ def stratified_bootstrap(
     found = []
     for first in range(0, resamples, step):
         rows = min(step, resamples - first)
-        drawn = [rng.choice(g, (rows, len(g))) for g in strata]
         if whole_groups and len(strata) > 1:
             found.append(np.concatenate([statistic(row[None]) for row in _groups_drawn(rng, strata, rows)]))
         else:
-            found.append(statistic(np.concatenate(drawn, axis=1)))
+            found.append(statistic(np.concatenate([rng.choice(g, (rows, len(g))) for g in strata], axis=1)))
     tail = (1.0 - confidence) / 2
     low, high = np.quantile(np.concatenate(found), [tail, 1.0 - tail], axis=0)
     return statistic(together[None])[0], low, high

@@ -6,12 +6,10 @@ rig can give at every place, limited by the servo if the rig has one turn.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from magwire_env.compiled import precise
 from magwire_env.quasistatic.balance import Tails
+from magwire_env.quasistatic.certificate import traverse
 from magwire_env.quasistatic.net_force import TipForces, greatest
 from magwire_env.scenario import Scenario
 from magwire_env.simulation import Library, Places, Simulator
@@ -121,7 +119,7 @@ class Fastest:
         start = min(max(start, 0.0), self.scenario.tract.length)
         places = np.linspace(start, goal, int(np.ceil(abs(goal - start) / _SPACING)) + 1)
         net, growth = np.interp(places, self.places, self.net), np.interp(places, self.places, self._growth)
-        seconds = _with_creep(places, net, growth, self.mass, _CREEP)
+        _, seconds = traverse(places, net, growth, self.mass, _CREEP)
         return places, np.r_[0.0, seconds.cumsum()]
 
     def _farthest(self, start: float, goal: float, magnet: float, begin: float) -> tuple[np.ndarray, np.ndarray]:
@@ -191,24 +189,6 @@ class Fastest:
             self._tables[motion] = motion * self.direction * net + self._margin
         order = slice(None, None, self.direction)
         return self.direction * self.places[order], self._tables[motion][order]
-
-
-@precise
-def _with_creep(places: np.ndarray, net: np.ndarray, growth: np.ndarray, mass: float, creep: float) -> np.ndarray:
-    """Times (n − 1,) s between places of a wire that sets off at the speed `creep` and never goes slower.
-
-    As `quasistatic.certificate.traverse`, but where the net force would stop the wire it creeps on.
-    """
-    seconds = np.zeros(len(places) - 1)
-    v = creep
-    for i in range(len(places) - 1):
-        ds = abs(places[i + 1] - places[i])
-        energy = max(0.5 * mass * v * v + 0.5 * ds * (net[i] + net[i + 1]), 0.0)
-        drag = ds * 0.5 * (growth[i] + growth[i + 1])
-        new = max((math.sqrt(drag * drag + 2.0 * mass * energy) - drag) / mass, creep)
-        seconds[i] = 2.0 * ds / (v + new)
-        v = new
-    return seconds
 
 
 def least_time(scenario: Scenario, start: float, goal: float, direction: int = 1, magnet: float | None = None) -> float:

@@ -66,10 +66,6 @@ _BRANCH = _Stride(turn=0.3, approach=0.3, shortest=2.0**-12)
 _RAMP = _Stride(turn=1.0, approach=0.6, shortest=2.0**-6)  # from rest, where any equilibrium will do
 
 
-_PROFILES = ("bending", "axial", "mass_per_length", "curl", "curl_across", "magnetisation")
-"""Properties that may change along a `Guidewire`, which this rod does not know."""
-
-
 class NotConverged(RuntimeError):
     """No stable equilibrium was reached.
 
@@ -145,8 +141,8 @@ class FreeRod:
             known = isinstance(value, kind)
             if not known:
                 raise ValueError(f"FreeRod.{name} must be a {name} from magwire_env.physics, got {value!r}")
-        for name in _PROFILES:
-            if getattr(wire, name) is not None:
+        for name in wire.profiled:
+            if name not in ("twisting", "outer_radius"):  # no twist, and contact is the tip's
                 raise ValueError(
                     f"FreeRod.wire must be uniform, without Guidewire.{name} (a profile); simulate it with "
                     f'Scenario(model="free") instead, got {getattr(wire, name)!r}'

@@ -237,9 +237,9 @@ def _verdict(
     if reserve is None:
         reserve = _TRUST + _TRUST_BEND * 0.5 * sc.wire.bending_rigidity * float((sc.tract.curvature(way) ** 2).max())
     turning = (np.abs(np.diff(commands, axis=0)) / [d.speed for d in sc.rig.dofs]).max(axis=1)
-    speed, seconds = traverse(way, margin, growth, sc.moving_mass)
+    speed, seconds = traverse(way, margin, growth, sc.moving_mass, 0.0)
     time = float(np.maximum(seconds, turning).sum())
-    _, seconds = traverse(way, margin + reserve, growth, sc.moving_mass)
+    _, seconds = traverse(way, margin + reserve, growth, sc.moving_mass, 0.0)
     late = np.flatnonzero(~np.isfinite(seconds))
     for array in (arrays := (way, margin, commands, speed)):
         array.flags.writeable = False
@@ -250,20 +250,24 @@ def _verdict(
 
 
 @precise
-def traverse(way: np.ndarray, margin: np.ndarray, growth: np.ndarray, mass: float) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds (n,) m/s of a wire that sets off at rest, and times (n − 1,) s between places; 0 and ∞ after it stops.
+def traverse(
+    way: np.ndarray, margin: np.ndarray, growth: np.ndarray, mass: float, creep: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds (n,) m/s of a wire that sets off at the speed `creep`, and times (n − 1,) s between places.
 
-    d(½ m v²)/ds = margin − growth·v, with the drag at the end of every step.
+    d(½ m v²)/ds = margin − growth·v, with the drag at the end of every step. Where the margin would stop the wire, it
+    goes on at `creep`, m/s; if that is 0 it stops, and then its speed is 0 and its time ∞.
     """
     speed, seconds = np.zeros(len(way)), np.full(len(way) - 1, np.inf)
-    v = 0.0
+    speed[0] = v = creep
     for i in range(len(way) - 1):
         ds = abs(way[i + 1] - way[i])
         energy = 0.5 * mass * v * v + 0.5 * ds * (margin[i] + margin[i + 1])
-        if energy <= 0.0:
+        if energy <= 0.0 and creep == 0.0:
             break
+        energy = max(energy, 0.0)
         drag = ds * 0.5 * (growth[i] + growth[i + 1])
-        new = (math.sqrt(drag * drag + 2.0 * mass * energy) - drag) / mass
+        new = max((math.sqrt(drag * drag + 2.0 * mass * energy) - drag) / mass, creep)
         seconds[i] = 2.0 * ds / (v + new)
         speed[i + 1] = v = new
     return speed, seconds

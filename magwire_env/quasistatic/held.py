@@ -56,6 +56,6 @@ def crossed_by_holding(scenarios: Sequence[Scenario], certificates: Sequence[Cer
         margin = forces.force(low + share * (high - low)) - resistance + reserve
         for i in np.flatnonzero(~crossed).tolist():
             part = slice(edges[i], edges[i + 1])
-            _, seconds = traverse(tips[part], margin[part], growth[part], scenarios[i].moving_mass)
+            _, seconds = traverse(tips[part], margin[part], growth[part], scenarios[i].moving_mass, 0.0)
             crossed[i] = seconds.sum() <= certificates[i].time_limit
     return crossed

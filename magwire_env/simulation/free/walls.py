@@ -17,7 +17,7 @@ from .tubes import Tube
 
 __all__ = ["Walls"]
 
-_ROUNDED = 0.1
+ROUNDED = 0.1
 """Creases at junctions are rounded where two tubes' depths differ by less than this share of the narrowest radius."""
 
 _CELLS_A_RADIUS = 5.0
@@ -138,6 +138,6 @@ def _wall_of(sc: Scenario) -> Tube | Bricks:
             return lumen.wall_distance(xyz)
         found = lumen.tubes.depths(xyz).depth
         found = np.where(np.isfinite(found), found, -1e3)
-        return smooth_union(list(found.T), _ROUNDED * narrowest)
+        return smooth_union(list(found.T), ROUNDED * narrowest)
 
     return Bricks(depth, low.tolist(), high.tolist(), cell, thickest + 2 * cell, _OUTSIDE + 2 * cell)
