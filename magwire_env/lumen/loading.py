@@ -17,7 +17,7 @@ from .lumen_file import load_lumen, save_lumen
 
 __all__ = ["LumenNote", "load"]
 
-_VERSION = 1
+_VERSION = 2
 """Goes up when the same file gives another lumen: it is part of the cache's key."""
 
 

@@ -12,15 +12,17 @@ from tests.support import lumen_writers as writers
 def test_a_meshed_tree_is_found_again(tmp_path, name):
     known = {"fork": lambda: fork(35.0, 4e-3, 0.03), "two forks": lambda: two_forks(35.0, 4e-3, 0.03)}[name]()
     path = tmp_path / "known.stl"
-    meshed(known, 5.0 if name == "fork" else 4.0, path)
+    mesh = meshed(known, 5.0 if name == "fork" else 4.0, path)
     found = loaded(known, path)
-    error = compared(known, found, 30_000)
+    error = compared(known, found, mesh, 30_000)
     assert error.topology
     assert error.centre < 0.1
     assert error.radius < 0.05
     assert error.ends < 0.1
+    assert error.mouth < 0.1
+    assert abs(error.volume) < 0.01
     if name == "fork":
-        assert abs(error.volume) < 0.01  # the mesh of a coarser grid cuts off more
+        assert abs(error.mesh) < 0.01  # that of a coarser grid cuts off more
     assert [b.name for b in found.branches] == [f"b{i}" for i in range(len(known.leaves))]
 
 
