@@ -23,6 +23,9 @@ __all__ = ["RUN", "Anatomy", "picture", "report", "scene_of", "task_of"]
 
 _TASK = "Anatomy/Trunk-v0"
 
+_STRAIGHT = 10.0
+"""m, a bend radius that no anatomy has."""
+
 
 @dataclass
 class Anatomy:
@@ -80,8 +83,8 @@ def report(lumen: Lumen, wire: float) -> str:
         f"{1e3 * lumen.total_length:.0f} mm of centreline",
         f"axes {lumen.axes or 'not declared'}; from {_shown(low)} to {_shown(high)} mm; "
         f"inlet at {_shown(1e3 * lumen.position('inlet'))} mm",
-        f"narrowest {2e3 * narrow:.3g} mm across, {_where(lumen, at_narrow)}; sharpest bend {1e3 * bend:.3g} mm, "
-        f"{_where(lumen, at_bend)}",
+        f"narrowest {2e3 * narrow:.3g} mm across, {_where(lumen, at_narrow)}; "
+        + (f"sharpest bend {1e3 * bend:.3g} mm, {_where(lumen, at_bend)}" if bend < _STRAIGHT else "no bend"),
         "",
         f"{'branch':12s} {'leaves':>12s} {'at mm':>7s} {'length mm':>9s} {'across mm':>15s}  end",
     ]
