@@ -4,8 +4,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents.cli.anatomy import report, scene_of, task_of
+from agents.cli.anatomy import _TASK, report, scene_of, task_of
 from agents.cli.main import main as magwire
+from magwire_env.envs.task import TASKS
 from magwire_env.lumen.lumen import Lumen
 from magwire_env.lumen.named_trees import fork, two_forks
 from tests.support import lumen_writers as writers
@@ -63,6 +64,14 @@ def test_the_scene_holds_a_wire_that_fits():
     assert np.isfinite(scene.rig.feed.home)
 
 
+@pytest.fixture
+def _task_forgotten():
+    yield
+    TASKS.pop(task_of())
+    gym.registry.pop(_TASK)
+
+
+@pytest.mark.usefixtures("_task_forgotten")
 def test_what_the_page_plays_starts_with_the_rig_at_home_over_the_inlet():
     lumen = fork()
     env = gym.make(task_of(), scenario=scene_of(lumen))  # a warning would end the test
