@@ -193,6 +193,7 @@ def _serve(lumen: Lumen, wire: float, port: int) -> None:
     from magwire_env.render.browser import Page
 
     name = lumen.name or "anatomy"
+    print("making the wall that a wire feels, and its kernels the first time …", flush=True)
     page = Page((task_of(),), {name: scene_of(lumen, wire)}, {}, port=port)
     print(f"look at {page.url}; Ctrl-C ends it", flush=True)
     try:

@@ -15,7 +15,7 @@ from ..physics.checks import one_of, positive, vector
 from .lumen import Lumen
 from .lumen_file import load_lumen, save_lumen
 
-__all__ = ["LumenNote", "load"]
+__all__ = ["LumenNote", "kept_lumens", "load"]
 
 _VERSION = 2
 """Goes up when the same file gives another lumen: it is part of the cache's key."""
@@ -86,8 +86,12 @@ def _kept(path: Path, arguments: tuple) -> Path:
         with f.open("rb") as stream:
             while block := stream.read(1 << 20):
                 whole.update(block)
-    folder = Path(os.environ.get("MAGWIRE_CACHE") or Path.home() / ".cache" / "magwire")
-    return folder / "lumens" / f"{whole.hexdigest()[:32]}.lumen"
+    return kept_lumens() / f"{whole.hexdigest()[:32]}.lumen"
+
+
+def kept_lumens() -> Path:
+    """The folder of the lumens kept by their files' contents: ``$MAGWIRE_CACHE/lumens`` or the user's cache."""
+    return Path(os.environ.get("MAGWIRE_CACHE") or Path.home() / ".cache" / "magwire") / "lumens"
 
 
 def _keep(lumen: Lumen, kept: Path) -> None:

@@ -110,7 +110,7 @@ class Surface:
         found = np.empty(len(xyz), dtype=bool)
         left = np.arange(len(xyz))
         edge = float(gap.max(initial=0.0))
-        while len(left) > _FEW:
+        while len(left) > _FEW and edge > 0.0:
             cube = np.floor((xyz[left] - xyz[left].min(axis=0)) / edge).astype(np.int64)
             shape = cube.max(axis=0) + 1
             key = (cube[:, 0] * shape[1] + cube[:, 1]) * shape[2] + cube[:, 2]

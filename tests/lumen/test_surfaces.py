@@ -64,6 +64,8 @@ def test_sides_that_neighbours_share_are_those_of_each_point_itself(tmp_path):
     inside = lumen.wall.inside(xyz)
     assert 0.1 < inside.mean() < 0.9
     assert np.array_equal(lumen.wall.distance(xyz)[0] > 0.0, inside)
+    corner = np.tile(lumen.wall.vertices[:1], (200, 1))
+    assert np.allclose(lumen.wall.distance(corner)[0], 0.0)
 
 
 def test_the_way_in_opens_the_wall_wherever_it_reaches(tmp_path):
