@@ -19,7 +19,7 @@ A controller of your own needs no edit of this package. Give its class to `regis
 Commands take such a class as ``module:Class`` or ``file.py:Class``, and other policies too: see `agents.policies`.
 
     magwire evaluate my_controllers.py:AtHome --task MagWire/Chase-v0
-    magwire benchmark --controllers my_controllers:AtHome --only AtHome
+    magwire benchmark --controllers my_controllers.py:AtHome --only AtHome
 """
 
 from __future__ import annotations

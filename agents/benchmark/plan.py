@@ -7,7 +7,9 @@ differ. `cells` says what a cell computes, `jobs` runs the cells, `aggregates` s
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -18,7 +20,7 @@ import magwire_env
 from magwire_env.envs.task import TASKS, Task
 from magwire_env.physics.checks import whole
 
-from ..catalogue import CONTROLLERS, FLOORS, PAR, REFERENCE, controller
+from ..catalogue import CONTROLLERS, FLOORS, PAR, REFERENCE, controller, resolve
 from ..evaluation.episodes import EVALUATION_SEED
 from ..evaluation.robustness import DISTURBANCES
 from ..learning.hyperparameters import hyperparameters
@@ -141,6 +143,23 @@ def code_digest() -> str:
     return digest.hexdigest()[:16]
 
 
+@lru_cache
+def content_of(policy: str) -> str:
+    """Digest of the files that a policy from outside the package is made of; of a name, of nothing."""
+    place, path = policy.rpartition(":")[0], Path(policy)
+    if path.exists():
+        files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
+    elif place.endswith(".py"):
+        files = [Path(place)]
+    else:
+        spec = importlib.util.find_spec(place) if place else None
+        files = [Path(spec.origin)] if spec is not None and spec.origin is not None else []
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file.name.encode() + file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
 _NO_RESULTS = (
     "magwire_env/render/", "magwire_env/figures/", "magwire_env/validation/", "agents/cli/", "agents/benchmark/",
 )  # fmt: skip
@@ -166,7 +185,7 @@ class Cell:
 
     @property
     def stem(self) -> str:
-        words = [self.arena.replace(" ", "_"), self.policy.replace(":", ".")]
+        words = [self.arena.replace(" ", "_"), re.sub(r"[^\w.+-]+", ".", self.policy)]
         return "-".join(words if self.seed is None else [*words, f"seed{self.seed}"])
 
     def file(self, out: Path) -> Path:
@@ -186,7 +205,9 @@ class Cell:
 class Plan:
     """All cells, and what they are made with.
 
-    extra : further policies, as ``module:thing``, that play in every arena open to all
+    extra : further policies, as every command takes them (`agents.catalogue.resolve`), that play in every arena open to
+        all
+    trust : also open those of them that can carry a program
     episodes, timesteps, seeds : upper limits on the arenas' and learners' own numbers, to try things out
     """
 
@@ -194,6 +215,7 @@ class Plan:
     learners: tuple[Learner, ...] = LEARNERS
     robustness: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: ROBUSTNESS)
     extra: tuple[str, ...] = ()
+    trust: bool = False
     episodes: int | None = None
     timesteps: int | None = None
     seeds: int | None = None
@@ -203,8 +225,7 @@ class Plan:
             if getattr(self, name) is not None:
                 whole(name, getattr(self, name), 1)
         for name in self.extra:
-            if controller(name) is None:
-                raise ValueError(f"controllers must be policies given as module:thing, got {name!r}")
+            resolve(name, trust=self.trust)
 
     def arena(self, name: str) -> Arena:
         """The arena of this name."""
@@ -284,6 +305,8 @@ class Plan:
             return {"task": arena.task, "scenario": arena.scenario, "algorithm": cell.policy, "seed": cell.seed,
                     "hyperparameters": found}  # fmt: skip
         settings: dict[str, Any] = {"task": arena.task, "env": arena.env, "policy": cell.policy}
+        if cell.policy in self.extra:
+            settings["content"] = content_of(cell.policy)
         if cell.kind == "decide":
             return settings | {"decisions": DECISIONS}
         settings |= {"episodes": self.episodes_of(arena), "first_seed": EVALUATION_SEED}

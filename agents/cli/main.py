@@ -106,7 +106,9 @@ class Benchmark:
     only: tuple[str, ...] = ()
     """Only cells whose name contains one of these patterns, such as "evaluate Steer MPPI" or "train*ppo"."""
     controllers: tuple[str, ...] = ()
-    """Policies of your own that take part, as module:thing."""
+    """Policies that take part too: a run's or policy's folder, trained/…, an SB3 .zip, or module:thing of your own."""
+    trust: bool = False
+    """Also open a model.zip or pickle, which runs any program that stands in it."""
     again: bool = False
     """Make finished cells again; with --only, those."""
     dry_run: bool = False
@@ -186,7 +188,10 @@ def benchmark(options: Benchmark) -> None:
     from agents.benchmark.plan import Plan
     from agents.benchmark.report import less_than_kept, write
 
-    plan = Plan(extra=options.controllers, episodes=options.episodes, timesteps=options.timesteps, seeds=options.seeds)
+    plan = Plan(
+        extra=options.controllers, trust=options.trust, episodes=options.episodes, timesteps=options.timesteps,
+        seeds=options.seeds,
+    )  # fmt: skip
     cells = selected(plan.cells(), options.only)
     states = {cell: plan.state(cell, options.out) for cell in cells}
     if options.dry_run:
