@@ -98,8 +98,7 @@ def play(rng: np.random.Generator, lanes: int, steps: int) -> tuple[Counter, flo
             scenarios.append(scenario(rng, bool(fed), bool(fed and twists), bool(tree)))
         except ValueError:
             seen["refused"] += 1
-    sim = Simulator(scenarios, lanes)
-    sim.assign(np.arange(lanes), np.arange(lanes) % len(scenarios))
+    sim = Simulator(scenarios, lane_scenario=np.arange(lanes) % len(scenarios))
     sim.reset()
     which = sim.lane_scenario
     limits = np.array([[d[1:] for d in sc.rig.limits] for sc in sim.scenarios])[which]

@@ -162,7 +162,9 @@ def touch(
         gradient = times(force, normal)
         round_ = where(sign > 0.0, force * inv, 0.0)
         hessian = plus6(
-            diagonal(square(pressed - round_, normal), round_), -round_, square(1.0 / dot(along, along), along)
+            diagonal(square(pressed - round_, normal), round_),
+            -round_,
+            square(1.0 / maximum(dot(along, along), 1e-30), along),
         )
         old, new = energy, energy
         if anywhere(friction > 0.0):

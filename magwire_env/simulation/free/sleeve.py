@@ -107,9 +107,11 @@ def join(l, f, points, par, wire, lane, node, spin, foot, work):
         mouth, d = par[at.BASE_X + o], par[at.BASE_TX + o]
         node[(f + 1) * n + at.X + o], node[(f + 1) * n + at.VX + o] = mouth, 0.0
         work[(f + 1) * w + at.START + o], work[(f + 1) * w + at.MOVE + o] = mouth, 0.0
-        behind = mouth - d * wire[f * at.WIRE_STRIDE + at.REST + l]
-        node[f * n + at.X + o], node[f * n + at.VX + o] = behind, 0.0
-        work[f * w + at.START + o], work[f * w + at.MOVE + o] = behind, 0.0
+        behind = mouth
+        for i in range(f, -1, -1):  # no two nodes in the sleeve may coincide
+            behind -= d * wire[i * at.WIRE_STRIDE + at.REST + l]
+            node[i * n + at.X + o], node[i * n + at.VX + o] = behind, 0.0
+            work[i * w + at.START + o], work[i * w + at.MOVE + o] = behind, 0.0
     if spin is not None:
         s = at.SPIN_STRIDE
         put_director(l, f + 1, twist * 0.5 * long, par, lane, node, spin)
