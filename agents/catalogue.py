@@ -38,19 +38,37 @@ from .controllers import (
     ConstantRotation,
     Controller,
     ExtremumSeeking,
+    FollowRoute,
+    Forward,
+    Hold,
     MaxForce,
     NetForce,
     Random,
+    RecoverRoute,
 )
 from .env_kwargs import parsed, world
 from .par.optimal import Optimal
 from .policies import own_policy
 
-__all__ = ["CONTROLLERS", "FLOORS", "PAR", "REFERENCE", "Entrant", "controller", "register_controller", "resolve"]
+__all__ = [
+    "CONTROLLERS",
+    "FLOORS",
+    "PAR",
+    "REFERENCE",
+    "Entrant",
+    "compared_with",
+    "controller",
+    "register_controller",
+    "resolve",
+]
 
 CONTROLLERS: dict[str, type[Controller]] = {
-    c.__name__: c for c in (MaxForce, NetForce, ExtremumSeeking, PD, MPPI, Optimal, ConstantRotation, Random)
-}
+    c.__name__: c
+    for c in (
+        MaxForce, NetForce, ExtremumSeeking, PD, MPPI, Optimal, FollowRoute, RecoverRoute, Forward, Hold,
+        ConstantRotation, Random,
+    )
+}  # fmt: skip
 """Name → class. `register_controller` adds to it."""
 
 PAR = Optimal.__name__
@@ -61,6 +79,9 @@ REFERENCE = MaxForce.__name__
 
 FLOORS = tuple(name for name, c in CONTROLLERS.items() if c.sees_nothing)
 """Controllers that see nothing."""
+
+IN_TREES = ("FollowRoute", "RecoverRoute", "Forward", "Hold", "Random")
+"""Controllers that policies of navigating tasks are compared with: the reference first, the floors last."""
 
 _DEFAULT_TASK = "MagWire/Steer-v0"
 
@@ -93,6 +114,16 @@ def controller(name: str) -> Any:
     if name in CONTROLLERS:
         return CONTROLLERS[name]
     return own_policy(name) if ":" in name and not Path(name).exists() else None
+
+
+def compared_with(task: str, par: bool = True, floors: bool = False) -> tuple[str, ...]:
+    """Names of the controllers that a policy of this task is compared with: the reference, the floors, the par.
+
+    Of navigating tasks there is no par, and the floors always come.
+    """
+    if TASKS[task].kind.navigates:
+        return IN_TREES
+    return (REFERENCE, *(FLOORS if floors else ()), *((PAR,) if par else ()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,10 @@ try:
 except PackageNotFoundError:  # a source tree on the path, not installed
     __version__ = "0+source"
 
-TASK_IDS = tuple(f"MagWire/{name}-v0" for name in ("Steer", "Reach", "Track", "SteerAny", "Orient", "Chase", "Dual"))
+TASK_IDS = (
+    *(f"MagWire/{name}-v0" for name in ("Steer", "Reach", "Track", "SteerAny", "Orient", "Chase", "Dual")),
+    *(f"MagWire/{name}-v0" for name in ("Navigate",)),
+)
 """The tasks of `envs.task.TASKS`, spelt out here so that importing this package loads nothing heavy."""
 
 for _id in TASK_IDS:

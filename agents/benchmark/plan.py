@@ -91,8 +91,11 @@ def _arena_of(task: Task) -> Arena:
     return Arena(name, task.id, split="test", episodes=500 if name in ("SteerAny", "Chase") else 200)
 
 
+_PLAYED = tuple(task for task in TASKS.values() if not task.kind.navigates)
+"""Tasks of the benchmark; navigating ones have other controllers, see `agents.catalogue.IN_TREES`."""
+
 ARENAS: tuple[Arena, ...] = (
-    *map(_arena_of, TASKS.values()),
+    *map(_arena_of, _PLAYED),
     Arena("SteerAny ood", "MagWire/SteerAny-v0", split="ood", models="SteerAny", episodes=100),
     Arena("Chase ood", "MagWire/Chase-v0", split="ood", models="Chase"),
     Arena("Hard", "MagWire/Steer-v0", scenario=HARD),
@@ -223,7 +226,7 @@ class Plan:
             for name in self.robustness.get(arena.name, ()):
                 if name in CONTROLLERS or name in self.trained(arena):
                     cells.append(Cell("robustness", arena.name, name, None if name in CONTROLLERS else 0))
-        for arena in map(_arena_of, TASKS.values()):
+        for arena in map(_arena_of, _PLAYED):
             if any(a.name == arena.name for a in self.arenas):
                 cells += [
                     Cell("decide", arena.name, name) for name in self.controllers(arena) if self.plans_online(name)

@@ -176,7 +176,8 @@ def judge(n, rule, readout, trace, step_limit, period, tolerance, hold, safe, we
             for_time = for_time * share
         wall, peak = load(readout, ROW.mean_wall, lane), load(readout, ROW.peak_wall, lane)
         cost = maximum(peak - load(lanes, EPISODE.wall_limit, lane), 0.0)
-        outside = load(readout, ROW.travelled, lane) < 0.0
+        # What a feed has inserted is inside, however far the way back out of a wrong branch is.
+        outside = load(readout, ROW.travelled, lane) + load(readout, ROW.inserted, lane) < 0.0
         terminated = where(outside, 1.0, success if rule != FOLLOW else 0.0 * success)
         terminated = where(safe * cost > 0.0, 1.0, terminated)
         success = where(safe * cost > 0.0, 0.0, success)

@@ -33,6 +33,7 @@ class Kind:
     rule : when an episode is done: `kernels.PASS`, the tip has passed the goal at any substep; `HOLD`, it has stayed
         within the tolerance for the task's hold; `FOLLOW`, not before the time limit
     draws : how many uniform numbers a beginning is made from
+    navigates : the tip must find its way to a branch of a tree, see `magwire_env.envs.navigation`
     directions : the ways along the tract a wire may have to go, 1 forwards and −1 backwards
     takes : options of `reset` that make sense
     """
@@ -40,6 +41,7 @@ class Kind:
     name: ClassVar[str]
     rule: ClassVar[int]
     draws: ClassVar[int]
+    navigates: ClassVar[bool] = False
     directions: ClassVar[tuple[int, ...]] = (1,)
     takes: ClassVar[tuple[str, ...]] = ("tip_arclength", "target", "magnet_angle")
 

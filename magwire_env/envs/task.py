@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from ..physics.checks import positive
 from ..quasistatic.certificate import GOAL_MARGIN, START_SPREAD
 from ..scenario import Scenario
+from . import arenas
 from .kinds import KINDS, Kind
+from .navigation import Navigate
 from .rewards import RewardWeights
 
 __all__ = ["DEFAULT_CHANNELS", "TASKS", "RewardWeights", "Task", "known_task", "register_task"]
@@ -34,6 +36,7 @@ class Task:
     reference_speed : m/s at most, of a tracking task's reference
     time_limit : s
     observe : default observation channels
+    action_mode : the default
     """
 
     id: str
@@ -47,6 +50,7 @@ class Task:
     reference_speed: float = 0.03
     time_limit: float = 30.0
     observe: tuple[str, ...] = DEFAULT_CHANNELS
+    action_mode: str = "angle"
 
     def __post_init__(self) -> None:
         if isinstance(self.kind, str) and self.kind in KINDS:
@@ -66,6 +70,11 @@ class Task:
 _AHEAD = (*DEFAULT_CHANNELS, "tract_preview")
 _STEER, _REACH, _TRACK = (KINDS[name] for name in ("steer", "reach", "track"))
 
+_TREE = (
+    "route_from_magnet", "tip_tangent", "magnet_pose", "tip_points", "contact", "base", "astray", "distance_left",
+)  # fmt: skip
+"""What a policy of a navigating task sees where the task says nothing else."""
+
 TASKS = {
     task.id: task
     for task in (
@@ -76,6 +85,7 @@ TASKS = {
         Task("MagWire/Orient-v0", _STEER, pool="Orient", time_limit=60.0, observe=_AHEAD),
         Task("MagWire/Chase-v0", _STEER, pool="Chase", time_limit=60.0, observe=_AHEAD),
         Task("MagWire/Dual-v0", _STEER, pool="Dual", time_limit=60.0, observe=_AHEAD),
+        Task("MagWire/Navigate-v0", Navigate(), arenas.arch, time_limit=20.0, observe=_TREE, action_mode="moment"),
     )
 }
 

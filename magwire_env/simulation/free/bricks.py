@@ -143,6 +143,16 @@ class Bricks:
                 values = _quasi_interpolated(values, axis)
             self.coefficients[i : i + 256] = values.reshape(len(part), -1)
 
+    @classmethod
+    def of(cls, origin: np.ndarray, cell: float, index: np.ndarray, coefficients: np.ndarray) -> Bricks:
+        """Bricks made before: `index` (nx, ny, nz) and coefficients as they were, see `Bricks`."""
+        if coefficients.shape != (np.count_nonzero(index >= 0.0), KEPT**3) or index.ndim != 3:
+            raise ValueError(f"coefficients must be of the bricks of the index, got {coefficients.shape}")
+        own = cls.__new__(cls)
+        own.cell, own.shape, own.origin = cell, tuple(index.shape), origin
+        own.index, own.coefficients = index.reshape(-1), coefficients
+        return own
+
     @property
     def data(self) -> np.ndarray:
         """Index and coefficients as the kernel reads them, float32."""
