@@ -1,6 +1,6 @@
 """Train a steering policy and say how good it is.
 
-    python train.py                                  # PPO on MagWire/Steer-v0, about a minute on two cores
+    python train.py                                  # PPO on MagWire/Steer-v1, about a minute on two cores
     python train.py --algorithm sac --seed 3
     python train.py --run runs/mine --resume         # go on where a run stopped
 

@@ -36,7 +36,6 @@ from .controllers import (
     MPPI,
     PD,
     ConstantRotation,
-    Controller,
     ExtremumSeeking,
     FollowRoute,
     Forward,
@@ -47,12 +46,16 @@ from .controllers import (
     RecoverRoute,
 )
 from .env_kwargs import parsed, world
+from .par.held import BestConstant, BestConstantEach, HoldHome
 from .par.optimal import Optimal
 from .policies import own_policy
+from .shipped import PREFIX
 
 __all__ = [
     "CONTROLLERS",
     "FLOORS",
+    "IN_TREES",
+    "OF_TREES",
     "PAR",
     "REFERENCE",
     "Entrant",
@@ -62,13 +65,28 @@ __all__ = [
     "resolve",
 ]
 
-CONTROLLERS: dict[str, type[Controller]] = {
+
+class Untrained:
+    """ppo before its first step of training, see `agents.learning.untrained`. Needs the extra ``train``."""
+
+    floor = True
+
+    @classmethod
+    def from_env(cls, env: Any) -> Any:
+        """The policy for `env`."""
+        need("stable_baselines3", "an untrained policy", "train")
+        from .learning.untrained import untrained
+
+        return untrained(env)
+
+
+CONTROLLERS: dict[str, Any] = {
     c.__name__: c
     for c in (
         MaxForce, NetForce, ExtremumSeeking, PD, MPPI, Optimal, FollowRoute, RecoverRoute, Forward, Hold,
-        ConstantRotation, Random,
+        HoldHome, BestConstant, BestConstantEach, ConstantRotation, Random,
     )
-}  # fmt: skip
+} | {"untrained": Untrained}  # fmt: skip
 """Name → class. `register_controller` adds to it."""
 
 PAR = Optimal.__name__
@@ -77,13 +95,16 @@ PAR = Optimal.__name__
 REFERENCE = MaxForce.__name__
 """The controller that others are compared with: the paper's own policy."""
 
-FLOORS = tuple(name for name, c in CONTROLLERS.items() if c.sees_nothing)
-"""Controllers that see nothing."""
+FLOORS = tuple(n for n, c in CONTROLLERS.items() if getattr(c, "sees_nothing", False) or getattr(c, "floor", False))
+"""Controllers that see nothing, and the untrained policy."""
 
-IN_TREES = ("FollowRoute", "RecoverRoute", "Forward", "Hold", "Random")
+OF_TREES = ("FollowRoute", "RecoverRoute", "Forward", "Hold")
+"""Controllers of navigating tasks alone."""
+
+IN_TREES = (*OF_TREES, "Random")
 """Controllers that policies of navigating tasks are compared with: the reference first, the floors last."""
 
-_DEFAULT_TASK = "MagWire/Steer-v0"
+_DEFAULT_TASK = "MagWire/Steer-v1"
 
 C = TypeVar("C", bound=type)
 
@@ -155,9 +176,10 @@ def resolve(
     trust: bool = False,
     env_kwargs: Sequence[str] = (),
 ) -> Entrant:
-    """The policy of a name: a controller's, ``module:thing``, a run's or policy's folder, or an SB3 zip file.
+    """The policy of a name: a controller's, ``module:thing``, a run's or policy's folder, ``trained/…``, or an SB3
+    zip file.
 
-    task : by default the policy's own task, or MagWire/Steer-v0; ``module:id`` imports the module first
+    task : by default the policy's own task, or MagWire/Steer-v1; ``module:id`` imports the module first
     scenario : a TOML file or a shipped name, in place of the task's
     split : of a generated task's tracts, unless there is a scenario
     trust : also open files that can carry a program, see `agents.learning.load`
@@ -174,7 +196,7 @@ def resolve(
     if (kind := controller(policy)) is not None:
         made, name = kind.from_env, policy.rpartition(":")[2]
         settings = dict(getattr(kind, "env_kwargs", {}))
-    elif Path(policy).is_dir():
+    elif Path(policy).is_dir() or policy.startswith(PREFIX):
         need("safetensors", "a trained policy", "policy")
         from .learning import load
 
@@ -187,7 +209,7 @@ def resolve(
         made, name = load_zip(Path(policy), trust), Path(policy).stem
     else:
         raise ValueError(
-            "policy must be a run's or policy's folder, an SB3 .zip, module:thing or one of "
+            "policy must be a run's or policy's folder, trained/…, an SB3 .zip, module:thing or one of "
             f"{', '.join(CONTROLLERS)}; got {policy!r}"
         )
     task, settings = task or _DEFAULT_TASK, settings | asked

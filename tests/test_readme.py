@@ -53,7 +53,7 @@ def test_the_blocks_work_in_order(tmp_path, monkeypatch):
 
 def test_every_run_it_names_is_the_one_that_make_train_makes():
     named = set(re.findall(r"runs/Steer[\w.-]*", README.read_text(encoding="utf-8")))
-    assert named == {"runs/Steer-v0-ppo-seed0"}
+    assert named == {"runs/Steer-v1-ppo-seed0"}
 
 
 def test_it_speaks_of_files_that_exist():

@@ -6,6 +6,7 @@ import csv
 import datetime
 import os
 import platform
+import subprocess
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -19,10 +20,17 @@ from ..catalogue import PAR
 from ..evaluation.episodes import EVALUATION_SEED
 from ..evaluation.evaluator import Episodes
 from ..evaluation.robustness import sweep_scores
-from ..evaluation.statistics import interquartile_mean, interval, median, performance_profile, stratified_bootstrap
-from .plan import Arena, Cell, Plan, plain_name
+from ..evaluation.statistics import (
+    interquartile_mean,
+    interval,
+    mean,
+    median,
+    performance_profile,
+    stratified_bootstrap,
+)
+from .plan import Arena, Cell, Plan, code_digest, plain_name
 
-__all__ = ["TAUS", "collect"]
+__all__ = ["TAUS", "collect", "episode_records"]
 
 TAUS = np.concatenate([np.arange(0.0, 0.8, 0.05), np.arange(0.8, 1.0501, 0.01)])
 """Scores τ at which performance profiles are computed."""
@@ -55,12 +63,24 @@ def collect(plan: Plan, out: Path) -> dict[str, Any]:
     )
 
 
+def episode_records(plan: Plan, out: Path) -> dict[str, Any]:
+    """Every episode of every finished cell, by its name: from these every score can be computed again."""
+    found = {cell.name: plan.record(cell, out) for cell in plan.cells() if cell.kind in ("evaluate", "par")}
+    return {
+        name: {key: record[key] for key in ("settings", "episodes", "lower_bound_s") if key in record}
+        for name, record in found.items()
+        if record is not None and "episodes" in record
+    }
+
+
 Records = dict[Cell, dict[str, Any] | None]
 
 
 def _provenance() -> dict[str, Any]:
     return {
         "date": datetime.date.today().isoformat(),
+        "commit": _commit(),
+        "code": code_digest(),
         "cpu": _cpu(),
         "cores": os.cpu_count(),
         "system": f"{platform.system()} {platform.machine()}",
@@ -68,6 +88,19 @@ def _provenance() -> dict[str, Any]:
         "versions": {name: version(name) for name in _PACKAGES},
         "first_seed": EVALUATION_SEED,
     }
+
+
+def _commit() -> str:
+    """The commit of the tree, "+" after it if files differ from it; "unknown" outside a repository."""
+    here = Path(__file__).parent
+    try:
+        head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=here, capture_output=True, text=True, check=True)
+        changed = subprocess.run(
+            ["git", "status", "--porcelain", "-uno"], cwd=here, capture_output=True, text=True, check=True
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    return head.stdout.strip() + ("+" if changed.stdout.strip() else "")
 
 
 def _cpu() -> str:
@@ -108,7 +141,7 @@ def _arena(plan: Plan, arena: Arena, records: Records) -> tuple[dict[str, Any], 
         entry, scores[name] = _policy([records[cell] for cell in cells], par)
         policies.append({"policy": name, "kind": kind, **entry})
     best = max(
-        ((e["score_mean"], e["policy"]) for e in policies if e["kind"] != "par" and _exists(e.get("score_mean"))),
+        ((e["score"][0], e["policy"]) for e in policies if e["kind"] != "par" and _exists(e.get("score", [None])[0])),
         default=(None, None),
     )
     entry = {
@@ -143,10 +176,10 @@ def _policy(found: Sequence[dict[str, Any] | None], par: Episodes | None) -> tup
         "state": "played",
         "success": float(success.mean()),
         "success_of_seeds": [float(row.success.mean()) for row in rows],
-        "time_s": interval([row.time[row.success] for row in rows], median),
-        "rms_error_mm": interval([1e3 * _finite(row.rms_error) for row in rows], median),
-        "score": interval(scores, interquartile_mean),
-        "score_mean": float(np.concatenate(scores).mean()) if any(map(len, scores)) else None,
+        "time_s": interval([row.time[row.success] for row in rows], median, whole_groups=True),
+        "rms_error_mm": interval([1e3 * _finite(row.rms_error) for row in rows], median, whole_groups=True),
+        "score": interval(scores, mean, whole_groups=True),
+        "score_interquartile": interval(scores, interquartile_mean, whole_groups=True),
         "path_ratio": float(over(lambda r: r.path_ratio).mean()),
         "peak_wall_force_mN": 1e3 * float(np.median(over(lambda r: r.peak_wall_force))),
         "mean_wall_force_mN": 1e3 * float(over(lambda r: r.mean_wall_force).mean()),
@@ -181,11 +214,12 @@ def _profile(groups: list[np.ndarray]) -> dict[str, list[float]]:
 
 
 def _overall(plan: Plan, scores: dict[str, dict[str, list[np.ndarray]]]) -> list[dict[str, Any]]:
-    """Interquartile mean of the score over all registered tasks, for the policies that play in all of them.
+    """Mean of the score over the latest versions of all registered tasks, for the policies that play in all of them.
 
     Strata are the tasks and their training seeds.
     """
-    tasks = [arena.name for arena in plan.arenas if arena.name in {plain_name(task) for task in TASKS}]
+    plain = {plain_name(task) for task in TASKS}
+    tasks = [arena.name for arena in plan.arenas if arena.name in plain and not arena.task.endswith(arena.name)]
     names = list(dict.fromkeys(name for task in tasks for name in scores[task]))
     rows = []
     for name in names:
@@ -193,7 +227,7 @@ def _overall(plan: Plan, scores: dict[str, dict[str, list[np.ndarray]]]) -> list
         if all(groups):
             # The same number of episodes from every task, so that more training seeds or tracts have no more weight.
             share = min(len(group) for seeds in groups for group in seeds)
-            score = interval([group[:share] for seeds in groups for group in seeds], interquartile_mean)
+            score = interval([group[:share] for seeds in groups for group in seeds], mean)
             rows.append({"policy": name, "tasks": len(tasks), "score": score})
     return sorted(rows, key=lambda row: -row["score"][0])
 

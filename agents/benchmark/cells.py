@@ -13,7 +13,7 @@ import numpy as np
 
 from magwire_env.envs.core import SteeringCore
 
-from ..catalogue import PAR, resolve
+from ..catalogue import CONTROLLERS, PAR, resolve
 from ..evaluation.episodes import EVALUATION_SEED, built
 from ..evaluation.evaluator import evaluate, make_batch
 from ..evaluation.robustness import sweep
@@ -110,7 +110,9 @@ def _par(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
     """The par's episodes, and a lower bound of the time for each, s (none in a tracking task)."""
     arena = plan.arena(cell.arena)
     env = make_batch(arena.task, plan.episodes_of(arena), arena.env)
-    episodes = evaluate(resolve(PAR).policy, arena.task, env.num_envs, EVALUATION_SEED, PAR, env)
+    # Without the user's cache of plans, so that the seconds of the cell are those of an empty one.
+    optimal = CONTROLLERS[PAR].from_env(env, cache=False)
+    episodes = evaluate(optimal, arena.task, env.num_envs, EVALUATION_SEED, PAR, env)
     env.reset(seed=EVALUATION_SEED)
     core: SteeringCore = env.unwrapped.core  # type: ignore[attr-defined]
     bound = None if arena.tracking else least_times(Starts.of(core, np.arange(env.num_envs))).tolist()

@@ -53,7 +53,8 @@ def ride(
 ) -> Ride:
     """One episode of the kind's task in every scenario, side by side; `policy` makes the policy for the batch."""
     n = len(scenarios)
-    env = gym.make_vec(f"MagWire/{kind}-v0", num_envs=n, scenario=list(scenarios), autoreset_mode="NextStep")
+    task = f"MagWire/{kind}" if kind.rpartition("-v")[0] else f"MagWire/{kind}-v0"
+    env = gym.make_vec(task, num_envs=n, scenario=list(scenarios), autoreset_mode="NextStep")
     actor = built(policy, env)
     observation, _ = env.reset(seed=seed, options=options)
     sim = env.unwrapped.core.sim  # type: ignore[attr-defined]

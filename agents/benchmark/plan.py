@@ -6,16 +6,19 @@ differ. `cells` says what a cell computes, `jobs` runs the cells, `aggregates` s
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import magwire_env
 from magwire_env.envs.task import TASKS, Task
 from magwire_env.physics.checks import whole
 
-from ..catalogue import CONTROLLERS, FLOORS, PAR, REFERENCE, controller
+from ..catalogue import CONTROLLERS, FLOORS, OF_TREES, PAR, REFERENCE, controller
 from ..evaluation.episodes import EVALUATION_SEED
 from ..evaluation.robustness import DISTURBANCES
 from ..learning.hyperparameters import hyperparameters
@@ -79,16 +82,22 @@ class Learner:
 
 
 def plain_name(task: str) -> str:
-    """``"MagWire/Steer-v0"`` → ``"Steer"``."""
-    return task.rpartition("/")[2].rpartition("-v")[0]
+    """``"MagWire/Steer-v1"`` → ``"Steer"``; with its version, such as ``"Steer-v0"``, if the task has a newer one."""
+    stem = task.rpartition("-v")[0]
+    versions = [int(other.rpartition("-v")[2]) for other in TASKS if other.rpartition("-v")[0] == stem]
+    latest = task == f"{stem}-v{max(versions, default=0)}" or not versions
+    return (stem if latest else task).rpartition("/")[2]
 
 
 def _arena_of(task: Task) -> Arena:
     """The arena of a registered task."""
     name = plain_name(task.id)
+    # An older version shows only what its floors do beside the paper's own policy.
+    some = (REFERENCE, *FLOORS) if task.id.endswith(name) else None
     if task.pool is None:
-        return Arena(name, task.id)
-    return Arena(name, task.id, split="test", episodes=500 if name in ("SteerAny", "Chase") else 200)
+        return Arena(name, task.id, controllers=some)
+    episodes = 500 if name in ("SteerAny", "Chase") else 200
+    return Arena(name, task.id, split="test", episodes=episodes, controllers=some)
 
 
 _PLAYED = tuple(task for task in TASKS.values() if not task.kind.navigates)
@@ -96,11 +105,11 @@ _PLAYED = tuple(task for task in TASKS.values() if not task.kind.navigates)
 
 ARENAS: tuple[Arena, ...] = (
     *map(_arena_of, _PLAYED),
-    Arena("SteerAny ood", "MagWire/SteerAny-v0", split="ood", models="SteerAny", episodes=100),
+    Arena("SteerAny ood", "MagWire/SteerAny-v1", split="ood", models="SteerAny", episodes=100),
     Arena("Chase ood", "MagWire/Chase-v0", split="ood", models="Chase"),
-    Arena("Hard", "MagWire/Steer-v0", scenario=HARD),
+    Arena("hard scenario", "MagWire/Steer-v0", scenario=HARD),
     Arena(
-        "SteerAny force only", "MagWire/SteerAny-v0", split="test", episodes=500,
+        "SteerAny force only", "MagWire/SteerAny-v1", split="test", episodes=500,
         controllers=("ExtremumSeeking", *FLOORS), par="SteerAny",
     ),
 )  # fmt: skip
@@ -108,13 +117,37 @@ ARENAS: tuple[Arena, ...] = (
 
 _FORCE_ONLY = ("SteerAny force only",)
 
+_LEARNED = tuple(a.name for a in ARENAS if a.models is None and a.controllers is None)
+
+_KNOWING = tuple(name for name in _LEARNED if name not in ("Steer", "hard scenario"))
+"""Arenas whose tracts, or ways, a policy that sees a force model can make use of."""
+
 LEARNERS: tuple[Learner, ...] = (
-    Learner("ppo", tuple(a.name for a in ARENAS if a.models is None and a.name not in _FORCE_ONLY), 5),
+    Learner("ppo", _LEARNED, 5),
+    Learner("knows_ppo", _KNOWING, 5),
     Learner("sac", ("Steer", "SteerAny", "Chase"), 3),
     Learner("tqc", ("Steer", "SteerAny", "Chase"), 3),
     Learner("crossq", ("Steer", "SteerAny", "Chase"), 3),
     Learner("stacked_ppo", _FORCE_ONLY, 5),
 )
+
+
+@lru_cache
+def code_digest() -> str:
+    """Digest of the source that results stand on: the package and the agents, without pictures, commands and report."""
+    digest = hashlib.sha256()
+    for root in (Path(magwire_env.__file__).parent, Path(__file__).parents[1]):
+        for file in sorted(root.rglob("*.py")):
+            where = file.relative_to(root.parent).as_posix()
+            if not where.startswith(_NO_RESULTS):
+                digest.update(where.encode() + file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+_NO_RESULTS = (
+    "magwire_env/render/", "magwire_env/figures/", "magwire_env/validation/", "agents/cli/", "agents/benchmark/",
+)  # fmt: skip
+"""Code that no number of the benchmark depends on; what its cells compute follows from the rest."""
 
 
 @dataclass(frozen=True)
@@ -187,15 +220,16 @@ class Plan:
         """Names of the controllers that play in an arena, without the par."""
         if arena.controllers is not None:
             return [name for name in CONTROLLERS if name in arena.controllers]
-        return [name for name in dict.fromkeys((*CONTROLLERS, *self.extra)) if name != PAR]
+        return [name for name in dict.fromkeys((*CONTROLLERS, *self.extra)) if name not in (PAR, *OF_TREES)]
 
     def plans_online(self, policy: str) -> bool:
         """The policy is a controller that runs the simulator for every decision."""
         return bool(getattr(controller(policy), "plans_online", False))
 
     def is_floor(self, policy: str) -> bool:
-        """The policy is a controller that sees nothing."""
-        return bool(getattr(controller(policy), "sees_nothing", False))
+        """The policy is a controller that sees nothing, or an untrained one."""
+        kind = controller(policy)
+        return bool(getattr(kind, "sees_nothing", False) or getattr(kind, "floor", False))
 
     def trained(self, arena: Arena) -> dict[str, list[Cell]]:
         """Algorithm → the training cells, one for each seed, whose models play in an arena."""
@@ -240,7 +274,11 @@ class Plan:
         return Cell("train", self.arena(cell.arena).models or cell.arena, cell.policy, cell.seed)
 
     def settings(self, cell: Cell) -> dict[str, Any]:
-        """Everything that a cell's result depends on, except the code."""
+        """Everything that a cell's result depends on, the code among it."""
+        return self._numbers(cell) | {"code": code_digest()}
+
+    def _numbers(self, cell: Cell) -> dict[str, Any]:
+        """The settings without the code."""
         arena = self.arena(cell.arena)
         if cell.kind == "train":
             found = hyperparameters(cell.policy, arena.task)
@@ -254,7 +292,7 @@ class Plan:
         settings |= {"episodes": self.episodes_of(arena), "first_seed": EVALUATION_SEED}
         training = self.training_of(cell)
         if training is not None:
-            settings["trained"] = self.settings(training)
+            settings["trained"] = self._numbers(training)
         if cell.kind == "robustness":
             settings["episodes"] = min(settings["episodes"], ROBUSTNESS_EPISODES)
             settings["disturbances"] = [one.name for one in DISTURBANCES]

@@ -31,6 +31,11 @@ _STYLES: dict[str, tuple[str, str]] = {
     "tqc": ("#999933", "--"),
     "crossq": ("#EE3377", "--"),
     "stacked_ppo": (BROWN, "--"),
+    "knows_ppo": ("#B15928", "--"),
+    "HoldHome": ("#444444", ":"),
+    "BestConstant": ("#2B3A8F", ":"),
+    "BestConstantEach": ("#3FBF7F", ":"),
+    "untrained": ("#F08080", ":"),
     "ConstantRotation": (GREY, ":"),
     "Random": (SKY, ":"),
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import json
 from collections.abc import Sequence
@@ -16,25 +17,36 @@ __all__ = ["MARKS", "insert", "less_than_kept", "markdown", "readme_table", "tex
 MARKS = ("<!-- benchmark:begin -->", "<!-- benchmark:end -->")
 """The README's table is between these two lines."""
 
-README_POLICIES = ("Optimal", "MPPI", "MaxForce", "ppo", "Random")
+README_POLICIES = (
+    "Optimal", "MPPI", "NetForce", "MaxForce", "ppo", "knows_ppo",
+    "untrained", "HoldHome", "BestConstant", "BestConstantEach", "ConstantRotation", "Random",
+)  # fmt: skip
 """The README shows these rows, on the registered tasks' own episodes; docs/benchmark.md has every policy and arena."""
 
 _NONE = "–"
 _LABELS = {"par": "par", "controller": "", "floor": "floor", "trained": "trained"}
 
 
-def write(data: dict[str, Any], docs: Path, readme: Path | None = None) -> list[Path]:
+def write(
+    data: dict[str, Any], docs: Path, readme: Path | None = None, episodes: dict[str, Any] | None = None
+) -> list[Path]:
     """Write benchmark.json, benchmark.md and figures/*.png under `docs`, and the README's table; returns the files.
+
+    episodes : of `aggregates.episode_records`, written compressed to benchmark_episodes.json.gz
 
     Each plot carries the SHA-256 of the JSON, so that a plot of other numbers is noticed.
     """
-    text = text_of(data)
+    packed = "benchmark_episodes.json.gz"
+    text = text_of(data if episodes is None else data | {"episodes_in": packed})
     data = json.loads(text)
     docs.mkdir(parents=True, exist_ok=True)
     files = [docs / "benchmark.json", docs / "benchmark.md"]
     files[0].write_text(text, encoding="utf-8")
     files[1].write_text(markdown(data), encoding="utf-8")
     files += draw(data, docs / "figures", hashlib.sha256(text.encode()).hexdigest())
+    if episodes is not None:
+        files.append(docs / packed)
+        files[-1].write_bytes(gzip.compress(json.dumps(episodes, separators=(",", ":")).encode(), mtime=0))
     if readme is not None:
         readme.write_text(insert(readme.read_text(encoding="utf-8"), readme_table(data)), encoding="utf-8")
         files.append(readme)
@@ -76,7 +88,7 @@ def insert(text: str, table: str) -> str:
 
 
 def readme_table(data: dict[str, Any]) -> str:
-    """Success and score of the `README_POLICIES` in the arenas that are a registered task as it is.
+    """Success and score of the `README_POLICIES` in the arenas that are a registered task as it is, older versions too.
 
     A policy that no arena has is left out.
     """
@@ -117,8 +129,13 @@ generated tasks each episode has a certified tract of its own), all numbers stan
 - *par* is `Optimal`, the best trajectory found with the model and the true state in hand, one for every episode;
   *floor* marks the policies that see nothing.
 - *score* is par's time / own time on the same start, 0 where the goal was not reached; on Track par's RMS error / own.
-  Given is the interquartile mean with its stratified bootstrap 95 % interval (Agarwal et al., 2021): the middle half of
-  the episodes, resampled within every training seed.
+  Given is the mean over all episodes, failures with their 0, and its bootstrap 95 % interval, which resamples training
+  seeds and, within each, episodes. *IQM* is the interquartile mean (Agarwal et al., 2021), the middle half of the
+  episodes: it drops the worst quarter, and failures with it.
+- *BestConstant* holds the one of 32 commands (64 or 72 for several degrees of freedom) that succeeds most often in
+  these very episodes, *BestConstantEach* the best one of each episode; *untrained* is ppo before its training.
+- `ppo`, `sac`, `tqc` and `crossq` see and do what the task registers. `knows_ppo` knows the magnets: it sees a force
+  model (the channel `drive_preview`) and turns the magnets by rates.
 - *time* is the median over the episodes that reached the goal. Trained policies are all their training seeds together.
 - *wall force* at its peak: median over the episodes; *cost* is the wall force above the scenario's limit, summed over
   the control steps of an episode, mean over the episodes; *travel* is the magnets' median, rad and m summed.
@@ -131,6 +148,10 @@ generated tasks each episode has a certified tract of its own), all numbers stan
 
 Circles are controllers, squares trained policies, crosses floors; hollow ones reach the goal in less than 90 % of the
 episodes and do not count for the front, those below 50 % are left out."""
+    if data.get("note"):
+        text += f"\n\n**Note**: {data['note']}"
+    if data.get("episodes_in"):
+        text += f"\n\nEvery episode of every policy stands in [{data['episodes_in']}]({data['episodes_in']})."
     if missing:
         text += f"\n\n**Missing**: {len(missing)} cells are not in this report: {', '.join(missing)}."
     return text
@@ -144,8 +165,8 @@ def _overall(data: dict[str, Any]) -> str:
         [
             "## All tasks together",
             "",
-            f"Interquartile mean of the score over the {data['overall'][0]['tasks']} registered tasks, for the "
-            "policies that play in all of them; as many episodes of each, strata are the tasks and training seeds.",
+            f"Mean of the score over the latest versions of the {data['overall'][0]['tasks']} registered tasks, for "
+            "the policies that play in all of them; as many episodes of each, strata are the tasks and training seeds.",
             "",
             _table(["policy", "score (95 %)"], rows),
         ]
@@ -159,7 +180,7 @@ def _arena(arena: dict[str, Any]) -> str:
     lines = [f"## {arena['name']}", "", ", ".join(where) + ".", ""]
     measure = "median RMS error [mm] (95 %)" if arena["tracking"] else "median time [s] (95 %)"
     head = ["policy", "success", measure, "score (95 %)", "path covered", "peak wall force [mN]"]
-    head += ["mean wall force [mN]", "travel", "cost [mN·steps]"]
+    head += ["mean wall force [mN]", "travel", "cost [mN·steps]", "IQM of the score (95 %)"]
     rows = [_row(entry, arena["tracking"]) for entry in arena["policies"]]
     lines += [_table(head, rows), ""]
     lines += [_bracket(arena)]
@@ -184,13 +205,14 @@ def _row(entry: dict[str, Any], tracking: bool) -> list[str]:
         count = f"{planned} seed{'s'[: planned > 1]}" if seeds == planned else f"{seeds} of {planned} seeds"
         label = f"{entry['policy']} *(trained, {count})*"
     if entry["state"] != "played":
-        return [label, "missing" if entry["state"] == "missing" else _NONE, *[_NONE] * 7]
+        return [label, "missing" if entry["state"] == "missing" else _NONE, *[_NONE] * 8]
     own = _between(entry["rms_error_mm"], 2) if tracking else _between(entry["time_s"], 2)
     path = entry["path_ratio"]
     return [
         label, _percent(entry["success"]), own, _between(entry["score"], 3),
         _NONE if path is None else _percent(path), f"{entry['peak_wall_force_mN']:.1f}",
         f"{entry['mean_wall_force_mN']:.1f}", f"{entry['magnet_travel']:.2f}", f"{entry['cost_mN_steps']:.1f}",
+        _between(entry["score_interquartile"], 3),
     ]  # fmt: skip
 
 
@@ -283,15 +305,17 @@ def _provenance(data: dict[str, Any]) -> str:
         for kind, work in data["work"].items()
     ]
     return (
-        f"## Made with\n\n{made['date']}, {made['cpu']}, {made['cores']} cores, {made['system']}, Python "
-        f"{made['python']}, {versions}. One thread a worker process.\n\n"
+        f"## Made with\n\nCommit {made['commit']}, {made['date']}, {made['cpu']}, {made['cores']} cores, "
+        f"{made['system']}, Python {made['python']}, {versions}. One thread a worker process.\n\n"
         + _table(["kind of cell", "cells", "seconds of one core", "seconds a cell"], rows)
     )
 
 
 def _between(values: Sequence[float | None], digits: int) -> str:
     value, low, high = values
-    return _NONE if value is None else f"{value:.{digits}f} ({low:.{digits}f}–{high:.{digits}f})"
+    if value is None or low is None or high is None:
+        return _NONE if value is None else f"{value:.{digits}f}"
+    return f"{value:.{digits}f} ({low:.{digits}f}–{high:.{digits}f})"
 
 
 def _percent(share: float) -> str:

@@ -1,4 +1,4 @@
-"""The subcommand `anatomy`: what a file's lumen is, its picture, a file that stands alone, a page with a wire."""
+"""The subcommand `anatomy`: a lumen in words, as a picture, as a file that stands alone, on a page with a wire."""
 
 from __future__ import annotations
 
@@ -90,8 +90,8 @@ def report(lumen: Lumen, wire: float) -> str:
     tight = lumen.too_narrow_for(wire / 2)
     rows += ["", *(f"note: {note}" for note in lumen.notes)]
     rows += [
-        f"note: a wire of {1e3 * wire:.3g} mm does not pass {_where(lumen, place)}, which is "
-        f"{2e3 * radius:.3g} mm across"
+        f"note: a wire of {1e3 * wire:.3g} mm does not pass {_where(lumen, place)}, which is {2e3 * radius:.3g} mm "
+        "across"
         for place, radius in tight
     ]
     return "\n".join(rows)
@@ -110,7 +110,7 @@ def picture(lumen: Lumen, path: Path) -> Path:
     from matplotlib.collections import EllipseCollection
 
     with styled():
-        figure, panels = blank(1, 3, (13.0, 5.0))
+        figure, panels = blank(1, 3, (13.0, 4.2))
         for panel, (i, j) in zip(np.ravel(panels), ((0, 1), (0, 2), (1, 2)), strict=True):
             if hasattr(lumen.wall, "vertices"):
                 spots = 1e3 * lumen.wall.vertices[:: max(1, len(lumen.wall.vertices) // 20_000)]  # type: ignore[union-attr]
@@ -142,7 +142,7 @@ def picture(lumen: Lumen, path: Path) -> Path:
 def scene_of(lumen: Lumen, wire: float = 0.889e-3, length: float = 0.15) -> Any:
     """A scenario with a soft magnetic wire that is fed into the lumen under a turning magnet; wire : diameter, m.
 
-    The wire is thinner where the lumen asks for it. It stands 30 mm in the trunk, or a third of it, at the start.
+    The wire is thinner where the lumen asks for it. It stands about 30 mm in the trunk at the start.
     """
     from magwire_env import Scenario
     from magwire_env.physics import BlockMagnet, CylinderMagnet, Guidewire
@@ -156,7 +156,7 @@ def scene_of(lumen: Lumen, wire: float = 0.889e-3, length: float = 0.15) -> Any:
     at = ((low + high) / 2).tolist()
     at[2] = float(high[2]) + 0.12
     magnet = ActuatedMagnet(BlockMagnet((50.8e-3,) * 3, 1.3), tuple(at), (Turn("y"), Turn("z")))
-    begin = min(max(min(0.03, lumen.trunk.length / 3, length / 2), 3 * length / rod.segments), length)
+    begin = min(max(min(0.03, lumen.trunk.length / 3, length / 2), 3.5 * length / rod.segments), length)
     rig = Rig((magnet,), feed=Feed(0.03, home=begin))
     tip = CylinderMagnet(0.9 * wire, 8e-3, 1.35)
     return Scenario(name=lumen.name or "anatomy", lumen=lumen, wire=rod, tip=tip, rig=rig, model="free")

@@ -20,7 +20,7 @@ class Experiment:
     """Hold a model against a measurement by others: a table, a figure and its data; status 1 if a bar is missed."""
 
     name: tyro.conf.Positional[str]
-    """loops (E3: hanging loops of three real wires), or continuum_robot (E2: a magnetic robot in the open)."""
+    """helices (E1: they buckle), continuum_robot (E2), loops (E3: real wires hang), or turning (E6: while pushing)."""
     data: Path | None = None
     """The data's file, or the folder that holds it; by default the folder in the variable MAGWIRE_DATA."""
     out: Path = Path("experiments")

@@ -27,7 +27,7 @@ class Record:
     policy: str | None = None
     """A run's or policy's folder, or a controller's name; by default commands to and fro that tell parameters apart."""
     task: str | None = None
-    """Environment id for a policy; by default the policy's own task, or MagWire/Steer-v0."""
+    """Environment id for a policy; by default the policy's own task, or MagWire/Steer-v1."""
     seconds: float = 20.0
     """Length without a policy."""
     episodes: int = 1
@@ -83,7 +83,9 @@ class Twins:
     noise: tuple[str, ...] = ("position=1e-3",)
     """Standard deviations by kind of measurement, SI, as kind=value."""
     seconds: float = 20.0
-    """Length of a log."""
+    """Length of an episode."""
+    episodes: int = 6
+    """Episodes of a log."""
     interval: str = "profile"
     """profile (likelihood) or laplace."""
     level: float = 0.9
@@ -172,7 +174,8 @@ def twins(options: Twins) -> None:
 
     found = experiments(
         Scenario.load(options.scenario), options.fit, options.count, _pairs("noise", options.noise, float),
-        options.columns, options.seconds, options.seed, interval=options.interval, level=options.level,
+        options.columns, options.seconds, options.episodes, options.seed,
+        interval=options.interval, level=options.level,
     )  # fmt: skip
     print(found.table())
     if options.out is not None:

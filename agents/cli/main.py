@@ -20,6 +20,7 @@ from agents.cli import identify as identify_cli
 from agents.cli import view as view_cli
 from agents.cli.cache import Cache, cache
 from agents.cli.export import Export, export
+from agents.cli.policies import Policies, policies
 from agents.cli.train import train
 from agents.learning.config import BAD_INPUT, Algorithm, Config
 from magwire_env.physics.checks import whole
@@ -47,9 +48,9 @@ class Evaluate:
     """Evaluate a trained model or a controller over a fixed list of episode seeds."""
 
     policy: tyro.conf.Positional[str]
-    """A run's or policy's folder, an SB3 .zip, a controller's name, such as MaxForce, or module:thing of your own."""
+    """A run's or policy's folder, trained/…, an SB3 .zip, a controller such as MaxForce, or a module:thing."""
     task: str | None = None
-    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v1."""
     episodes: int = 200
     """Number of episode seeds."""
     scenario: str | None = None
@@ -71,9 +72,9 @@ class Robustness:
     """Sweep friction, remanence, the magnet's place, force noise and delay; write a heat map and its numbers."""
 
     policy: tyro.conf.Positional[str]
-    """A run's or policy's folder, an SB3 .zip, a controller's name, or module:thing of your own."""
+    """A run's or policy's folder, trained/…, an SB3 .zip, a controller's name, or module:thing of your own."""
     task: str | None = None
-    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v1."""
     episodes: int = 50
     """Number of episode seeds for each disturbance."""
     scenario: str | None = None
@@ -180,7 +181,7 @@ def robustness(options: Robustness) -> None:
 
 def benchmark(options: Benchmark) -> None:
     """Make the missing cells and write the report; status 1 if a cell failed."""
-    from agents.benchmark.aggregates import collect
+    from agents.benchmark.aggregates import collect, episode_records
     from agents.benchmark.costs import estimate
     from agents.benchmark.jobs import run_cells, selected
     from agents.benchmark.plan import Plan
@@ -210,7 +211,7 @@ def benchmark(options: Benchmark) -> None:
     if less := less_than_kept(data, docs):
         print(f"{docs} is kept, since {less}; the report goes to {options.out}")
         docs, readme = options.out, None
-    for path in write(data, docs, readme):
+    for path in write(data, docs, readme, episode_records(plan, options.out)):
         print(path)
     if data["missing"]:
         print(f"{len(data['missing'])} cells are missing from the report, which names them")
@@ -223,7 +224,7 @@ def benchmark(options: Benchmark) -> None:
 class Tune:
     """Search an algorithm's hyperparameters on a task with Optuna, and write the study as YAML."""
 
-    task: str = "MagWire/Steer-v0"
+    task: str = "MagWire/Steer-v1"
     """Environment id."""
     algorithm: Algorithm = "ppo"
     """Learning algorithm."""
@@ -329,5 +330,5 @@ def main(arguments: list[str] | None = None) -> None:
 
 _RUN: dict[type, Callable[[Any], Any]] = {
     Train: train_seeds, Export: export, Evaluate: evaluate, Robustness: robustness, Benchmark: benchmark, Tune: tune,
-    Validate: validate, Figures: figures, Cache: cache,
+    Validate: validate, Figures: figures, Policies: policies, Cache: cache,
 }  # fmt: skip

@@ -27,14 +27,14 @@ __all__ = ["RUN", "Play", "Plot", "Video", "View"]
 class Play:
     """Steer by hand in a window, by mouse or keyboard, with a score and the paper's policy to beat."""
 
-    task: str = "MagWire/Steer-v0"
+    task: str = "MagWire/Steer-v1"
     """Environment id."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = 0
     """Seed of the first episode; the next episodes have the next numbers."""
     against: str = "MaxForce"
-    """Whose time is to be beaten: a run's or policy's folder, an SB3 .zip, a controller's name, or module:thing."""
+    """Whose time is to be beaten: a run's or policy's folder, trained/…, an SB3 .zip, a controller, or module:thing."""
     env_kwargs: tuple[str, ...] = ()
     """key=value for the env: observe, action_mode, reward, safety, coupling, time_limit, split, pool_size, scenario."""
     trust: bool = False
@@ -46,8 +46,8 @@ class View:
     """Serve a 3-D page for the browser: turn the magnet by hand, or watch a policy do it."""
 
     policies: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Runs, policies, SB3 .zip files or module:thing to choose from beside the controllers; no other can be chosen."""
-    task: str = "MagWire/Steer-v0"
+    """Runs, trained/…, SB3 .zip files or module:thing to choose from beside the controllers; no other can be chosen."""
+    task: str = "MagWire/Steer-v1"
     """Environment id to begin with."""
     scenario: str | None = None
     """A TOML file or a shipped name to begin with."""
@@ -68,9 +68,9 @@ class Video:
     """Write a video of one evaluation episode."""
 
     policy: tyro.conf.Positional[str]
-    """A run's or policy's folder, an SB3 .zip, a controller's name, or module:thing of your own."""
+    """A run's or policy's folder, trained/…, an SB3 .zip, a controller's name, or module:thing of your own."""
     task: str | None = None
-    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v1."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = EVALUATION_SEED
@@ -90,9 +90,9 @@ class Plot:
     """Plot a run: its learning curve, its way over the force map, arc length over time beside MaxForce."""
 
     policy: tyro.conf.Positional[str]
-    """A run's or policy's folder, an SB3 .zip, a controller's name, or module:thing of your own."""
+    """A run's or policy's folder, trained/…, an SB3 .zip, a controller's name, or module:thing of your own."""
     task: str | None = None
-    """Environment id; by default the policy's own task, or MagWire/Steer-v0."""
+    """Environment id; by default the policy's own task, or MagWire/Steer-v1."""
     scenario: str | None = None
     """A TOML file or a shipped name, in place of the task's scenario."""
     seed: int = EVALUATION_SEED

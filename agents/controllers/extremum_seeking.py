@@ -12,7 +12,7 @@ from magwire_env.physics.checks import positive
 from magwire_env.scenario.rig import wrapped
 
 from .base import Controller, Memory
-from .seen import magnet_seen
+from .seen import magnet_seen, way_seen
 
 __all__ = ["ExtremumSeeking"]
 
@@ -35,7 +35,8 @@ _LEASH = 3.0
 class ExtremumSeeking(Controller):
     """Perturbation-based extremum seeking (Ariyur and Krstić, "Real-time optimization by extremum-seeking control").
 
-    Knows: the force along the tract and across it, and where the magnets are. It has no model and knows no place.
+    Knows: the force along the tract and across it, where the magnets are, and in a task that comes back whether the tip
+    is on its way back. It has no model and knows no place.
 
     The command of every degree of freedom is an estimate of the best one plus a sinusoidal dither with a period of its
     own. The measured force and magnet setting pass a high-pass filter. The low-passed product of the two over the
@@ -73,7 +74,8 @@ class ExtremumSeeking(Controller):
         sim = self.core.sim
         speed, low, high = self.limits
         reach, turns = speed * sim.control_period, sim.library.is_turn
-        drive = self.seen(observation, "drive_force").astype(np.float64) * FORCE_SCALE
+        way = way_seen(self, observation)[:, None]
+        drive = self.seen(observation, "drive_force").astype(np.float64) * FORCE_SCALE * way
         size = np.hypot(drive, self.seen(observation, "lateral_force").astype(np.float64) * FORCE_SCALE)
         magnet = magnet_seen(self, observation)
         none = np.zeros_like(magnet)

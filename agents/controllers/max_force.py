@@ -11,7 +11,7 @@ from magwire_env.quasistatic.along_tract import AlongTract
 from magwire_env.quasistatic.net_force import greatest
 
 from .base import Controller, Memory
-from .seen import tip_seen
+from .seen import tip_seen, way_seen
 
 __all__ = ["MaxForce"]
 
@@ -22,7 +22,8 @@ _JUMP = 0.5
 class MaxForce(Controller):
     """Commands the angle of greatest projected force (under the scenario's coupling) at the observed arc length.
 
-    Knows: the model (tract and rig) and the tip's arc length. Ignores friction, bending and the servo's lag.
+    Knows: the model (tract and rig) and the tip's arc length. Ignores friction, bending and the servo's lag. In a task
+    that comes back, it turns to the angle of greatest force backwards once the goal lies behind the tip.
 
     spacing : m between the places where the best command is tabulated
     """
@@ -31,14 +32,22 @@ class MaxForce(Controller):
         super().__init__(env, **settings)
         library = self.core.sim.library
         self._along = AlongTract(library.tract_length, spacing)
-        self._commands, _ = greatest(library, self._along.entries, self._along.places, objective="drive")
+        directions = (1, -1) if self.core.task.kind.returns else (1,)
+        self._commands = [
+            greatest(library, self._along.entries, self._along.places, direction, "drive")[0]
+            for direction in directions
+        ]
 
     def act(
         self, observation: np.ndarray, state: Memory, starts: np.ndarray, deterministic: bool
     ) -> tuple[np.ndarray, Memory]:
         tip, _ = tip_seen(self, observation)
         below, share = self._along.below(self.core.sim.lane_scenario, tip)
-        gap = self._commands[below + 1] - self._commands[below]
+        back = way_seen(self, observation) < 0.0
+        first, second = (
+            np.where(back[:, None], self._commands[-1][row], self._commands[0][row]) for row in (below, below + 1)
+        )
+        gap = second - first
         # Where the best angle jumps between two places, take that of the nearer place.
         share = np.where(np.abs(gap) < _JUMP, share[:, None], np.round(share)[:, None])
-        return self.core.actuation.action(self._commands[below] + share * gap), state
+        return self.core.actuation.action(first + share * gap), state

@@ -13,7 +13,7 @@ from magwire_env.simulation import Simulator, SimulatorState, Trajectories
 
 from .base import Controller, Memory
 from .command_table import CommandTable
-from .seen import aim_seen, magnet_seen, tip_seen
+from .seen import aim_seen, magnet_seen, tip_seen, way_seen
 
 __all__ = ["MPPI", "MPPISettings"]
 
@@ -77,7 +77,8 @@ class MPPI(Controller):
     "Information-theoretic model predictive control", 2018). Noises of many widths replace one tuned covariance. The
     cost is
 
-    - steering: the time to the goal; beyond the horizon, the time at the speed of greatest net force (`CommandTable`)
+    - steering: the time to the goal; beyond the horizon, the time at the speed of greatest net force (`CommandTable`);
+      in a task that comes back, the time of the way back, too
     - reaching: the time away from the target, and beyond the horizon the time to it
     - tracking: the squared distance to the reference
 
@@ -106,11 +107,15 @@ class MPPI(Controller):
         self._follow_assignments()
         tip, wires = self._wires(observation)
         aim = aim_seen(self, observation, sim.control_period * np.arange(1, c.horizon + 1))
-        held = self._tables[0].command(sim.lane_scenario, tip)[:, None].repeat(c.horizon, axis=1)
+        back = way_seen(self, observation) < 0.0
+        first = self._tables[0].command(sim.lane_scenario, tip)
+        if back.any():
+            first = np.where(back[:, None], self._tables[1].command(sim.lane_scenario, tip), first)
+        held = first[:, None].repeat(c.horizon, axis=1)
         plan = held if state is None else np.where(starts[:, None, None], held, state[0])
         path = tip[:, None].repeat(c.horizon, axis=1)
         for _ in range(c.iterations):
-            plan, path = self._improved(plan, path, wires, tip, aim)
+            plan, path = self._improved(plan, path, wires, tip, aim, back)
         action = self.core.actuation.action(plan[:, 0])
         return action, (np.concatenate([plan[:, 1:], plan[:, -1:]], axis=1),)
 
@@ -132,7 +137,13 @@ class MPPI(Controller):
     # --- what is tried ----------------------------------------------------------------------------------------------
 
     def _improved(
-        self, plan: np.ndarray, path: np.ndarray, wires: SimulatorState, tip: np.ndarray, aim: np.ndarray
+        self,
+        plan: np.ndarray,
+        path: np.ndarray,
+        wires: SimulatorState,
+        tip: np.ndarray,
+        aim: np.ndarray,
+        back: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """One iteration: plan (n, H, dof) and its path (n, H) m → a better plan and the best path found."""
         sim, c = self._model, self.settings
@@ -142,6 +153,8 @@ class MPPI(Controller):
         tried = np.where(sim.library.is_turn, tried, np.clip(tried, low, high))
         moves = sim.rollout(wires, tried)
         cost = self._cost(moves, tip, aim)
+        if self._kind.returns:
+            cost = self._cost_of_two_legs(moves, tip, aim, cost, back)
         rows, best, count = np.arange(len(tip)), cost.argmin(axis=1), noisy.shape[1]
         excess = cost[:, :count] - cost[:, :count].min(axis=1, keepdims=True)
         scale = c.temperature * np.quantile(excess, _GOOD, axis=1, keepdims=True)
@@ -180,6 +193,26 @@ class MPPI(Controller):
         # Far away the cost is the time, almost flat; the small slope makes every millimetre count.
         away = self._model.control_period * np.minimum((gap / band) ** 2, 1.0 + 0.1 * np.abs(gap) / band).sum(axis=2)
         return away + np.where(gap[..., -1] > 0, left, self._tables[1].time(entries, end, goal))
+
+    def _cost_of_two_legs(
+        self, moves: Trajectories, tip: np.ndarray, aim: np.ndarray, cost: np.ndarray, back: np.ndarray
+    ) -> np.ndarray:
+        """The cost of every plan (n, K), s, where a way back comes or is under way.
+
+        cost : `_cost`, that of the way in alone
+        back : (n,) the tip is on its way back
+        """
+        entries, goal, home = self._model.lane_scenario[:, None], aim[:, -1:], self._tables[1]
+        final = self.core.episodes.final[:, None]
+        end, speed = moves.tip_arclength[..., -1], moves.tip_velocity[..., -1]
+        behind = home.time(entries, np.maximum(end + home.coast[entries] * speed, 0.0), final)
+        gap = moves.tip_arclength - aim[:, None]
+        returning = self._time_to_goal(gap, tip[:, None] - goal, behind)
+        # A plan that passes the far goal within its horizon has the way back before it from where it ends.
+        passed = gap.max(axis=2) >= 0.0
+        horizon = self._model.control_period * moves.tip_arclength.shape[2]
+        inward = np.where(passed, horizon + behind, cost + home.time(entries, goal, final))
+        return np.where(back[:, None], returning, inward)
 
     def _time_to_goal(self, gap: np.ndarray, first: np.ndarray, left: np.ndarray) -> np.ndarray:
         """Time to the goal of plans, s; the crossing is timed within its period.

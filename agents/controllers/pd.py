@@ -14,7 +14,7 @@ from magwire_env.quasistatic.net_force import TipForces
 from magwire_env.scenario import Scenario, Turn
 
 from .base import Controller, Memory
-from .seen import aim_seen, magnet_seen, tip_seen
+from .seen import aim_seen, magnet_seen, tip_seen, way_seen
 
 __all__ = ["PD"]
 
@@ -93,7 +93,7 @@ class PD(Controller):
         tip, speed = tip_seen(self, observation)
         aims = aim_seen(self, observation, period * np.array([0.5, 1.0, 1.5]))
         if self.core.task.kind.passes:
-            aims = aims + _BEYOND
+            aims = aims + _BEYOND * way_seen(self, observation)[:, None]
         wanted = (aims[:, 2] - aims[:, 0]) / period + self.kp * (aims[:, 1] - tip - 0.5 * period * speed)
         at = tip + 0.5 * period * speed
         sense = wanted / np.hypot(wanted, _STANDSTILL)

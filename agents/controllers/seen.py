@@ -8,7 +8,7 @@ from magwire_env.envs.observation import LENGTH_SCALE, REFERENCE_OFFSETS, SPEED_
 
 from .base import Controller
 
-__all__ = ["aim_seen", "magnet_seen", "tip_seen"]
+__all__ = ["aim_seen", "magnet_seen", "tip_seen", "way_seen"]
 
 
 def tip_seen(controller: Controller, observation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -16,6 +16,16 @@ def tip_seen(controller: Controller, observation: np.ndarray) -> tuple[np.ndarra
     sim = controller.core.sim
     tip = controller.seen(observation, "tip_arclength")[:, 0] * sim.library.tract_length[sim.lane_scenario]
     return tip, controller.seen(observation, "tip_speed")[:, 0].astype(np.float64) * SPEED_SCALE
+
+
+def way_seen(controller: Controller, observation: np.ndarray) -> np.ndarray:
+    """The direction of travel in a steering task, (n,): 1, or −1 where a task that comes back is on its way back.
+
+    There the goal lies behind the tip, so the way left is negative.
+    """
+    if not controller.core.task.kind.returns:
+        return np.ones(len(observation))
+    return np.where(controller.seen(observation, "distance_left")[:, 0] < 0.0, -1.0, 1.0)
 
 
 def magnet_seen(controller: Controller, observation: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ from magwire_env.validation.report import format_table
 
 from .episodes import EVALUATION_SEED, built
 from .episodes import episodes as played
-from .statistics import interquartile_mean, interval, median
+from .statistics import interval, mean, median
 
 __all__ = ["Episodes", "evaluate", "make_batch", "paired_ratio", "table"]
 
@@ -88,9 +88,9 @@ class Episodes:
         return interval([self.time[self.success]], median, resamples)
 
     def mean_score(self, par: Episodes) -> tuple[float, float, float]:
-        """Interquartile mean of the score with its bootstrap 95 % interval; NaN if the par never reached the goal."""
+        """Mean of the score, failures as 0, with its bootstrap 95 % interval; NaN if the par never reached the goal."""
         score = self.score(par)
-        return interval([score[np.isfinite(score)]], interquartile_mean)
+        return interval([score[np.isfinite(score)]], mean)
 
     def summary(self) -> dict[str, float]:
         """Success rate, median time with its interval, forces, cost and travel, as plain numbers."""

@@ -123,7 +123,7 @@ def sweep(
 
 
 def sweep_scores(found: dict[str, Episodes], par: Episodes | None) -> list[dict[str, Any]]:
-    """For each disturbance its kind, level, success rate, and the interquartile mean of the score.
+    """For each disturbance its kind, level, success rate, and the mean of the score, failures as 0.
 
     par : `Optimal` on the undisturbed episodes; a score then says how much of the nominal par is left. Without it, the
         policy itself, undisturbed, is the par

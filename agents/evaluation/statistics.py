@@ -3,13 +3,13 @@ precipice" (NeurIPS 2021): interquartile means, stratified bootstrap intervals, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from magwire_env.physics.checks import whole
 
-__all__ = ["interquartile_mean", "interval", "median", "performance_profile", "stratified_bootstrap"]
+__all__ = ["interquartile_mean", "interval", "mean", "median", "performance_profile", "stratified_bootstrap"]
 
 _AT_ONCE = 4_000_000
 """Most numbers that are resampled at a time."""
@@ -30,6 +30,11 @@ def interquartile_mean(values: np.ndarray) -> np.ndarray:
     return np.partition(values, (cut, n - cut - 1), axis=-1)[..., cut : n - cut].mean(axis=-1)
 
 
+def mean(values: np.ndarray) -> np.ndarray:
+    """The mean, values (…, n) → (…,)."""
+    return np.mean(values, axis=-1)
+
+
 def median(values: np.ndarray) -> np.ndarray:
     """The median, values (…, n) → (…,)."""
     return np.median(values, axis=-1)
@@ -41,6 +46,7 @@ def stratified_bootstrap(
     resamples: int = 2000,
     confidence: float = 0.95,
     seed: int = 0,
+    whole_groups: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A statistic of the values of all groups together, and the two ends of its percentile bootstrap interval.
 
@@ -49,6 +55,7 @@ def stratified_bootstrap(
     resamples : number of resamples
     confidence : share of the resampled statistics between the two ends
     seed : of the resampling
+    whole_groups : resample the groups, too, as training seeds: another training would have given other seeds
 
     Raises `ValueError` for no group, an empty group, NaN, or a confidence outside (0, 1).
     """
@@ -66,20 +73,34 @@ def stratified_bootstrap(
     found = []
     for first in range(0, resamples, step):
         rows = min(step, resamples - first)
-        found.append(statistic(np.concatenate([rng.choice(g, (rows, len(g))) for g in strata], axis=1)))
+        if whole_groups and len(strata) > 1:
+            found.append(np.concatenate([statistic(row[None]) for row in _groups_drawn(rng, strata, rows)]))
+        else:
+            found.append(statistic(np.concatenate([rng.choice(g, (rows, len(g))) for g in strata], axis=1)))
     tail = (1.0 - confidence) / 2
     low, high = np.quantile(np.concatenate(found), [tail, 1.0 - tail], axis=0)
     return statistic(together[None])[0], low, high
 
 
+def _groups_drawn(rng: np.random.Generator, strata: Sequence[np.ndarray], rows: int) -> Iterator[np.ndarray]:
+    """Resamples (n,): as many groups as there are, drawn with replacement, and the values of each drawn anew."""
+    for _ in range(rows):
+        yield np.concatenate(
+            [rng.choice(strata[g], len(strata[g])) for g in rng.integers(len(strata), size=len(strata))]
+        )
+
+
 def interval(
-    groups: Sequence[np.ndarray], statistic: Callable[[np.ndarray], np.ndarray], resamples: int = 2000
+    groups: Sequence[np.ndarray],
+    statistic: Callable[[np.ndarray], np.ndarray],
+    resamples: int = 2000,
+    whole_groups: bool = False,
 ) -> tuple[float, float, float]:
     """`stratified_bootstrap` of a single number, as floats. Empty groups are left out; NaN if there are no values."""
     kept = [group for group in groups if len(group)]
     if not kept:
         return (float("nan"),) * 3
-    value, low, high = stratified_bootstrap(kept, statistic, resamples)
+    value, low, high = stratified_bootstrap(kept, statistic, resamples, whole_groups=whole_groups)
     return float(value), float(low), float(high)
 
 

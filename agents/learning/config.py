@@ -17,10 +17,12 @@ ALGORITHMS: dict[str, tuple[str, str]] = {
     "tqc": ("sb3_contrib", "TQC"),
     "crossq": ("sb3_contrib", "CrossQ"),
     "stacked_ppo": ("stable_baselines3", "PPO"),
+    "knows_ppo": ("stable_baselines3", "PPO"),
 }
 """Algorithm → the package and the class that implement it.
 
 ``stacked_ppo`` is PPO with a memory: it sees its last few observations, and only the forces and the magnet in them.
+``knows_ppo`` is PPO that knows the magnets: it sees a force model, the channel ``drive_preview``.
 """
 
 if TYPE_CHECKING:
@@ -36,7 +38,7 @@ BAD_INPUT = (ValueError, OSError, gym.error.Error)
 class Config:
     """What a run is made of."""
 
-    task: str = "MagWire/Steer-v0"
+    task: str = "MagWire/Steer-v1"
     """Environment id."""
     algorithm: Algorithm = "ppo"
     """Learning algorithm; its hyperparameters are in agents/hyperparameters."""

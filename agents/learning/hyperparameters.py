@@ -20,17 +20,18 @@ _YAML = Path(__file__).parents[1] / "hyperparameters"
 def hyperparameters(algorithm: str, task: str) -> dict[str, Any]:
     """The task's entry of ``agents/hyperparameters/<algorithm>.yml``, on top of its ``default``.
 
-    The env's settings are in ``tasks.yml`` for all algorithms, and in the algorithm's own file where they differ.
-    ``training_env`` has settings for the training only; no evaluation uses them.
+    A policy sees and does what its task registers, unless ``env`` in its algorithm's file says otherwise.
+    ``training_env`` has settings for the training only; no evaluation uses them. A task's own stand in ``tasks.yml``.
     """
     one_of("algorithm", algorithm, tuple(ALGORITHMS))
     # Keys with a leading dot are blocks that tasks share.
     entries, tasks = _entries(algorithm), _entries("tasks")
     found = {**entries["default"], **(entries.get(task) or {})}
-    env = {**(tasks.get(task) or {}), **found.get("env", {})}
-    if "pool_size" in env and (task not in TASKS or TASKS[task].pool is None):
-        del env["pool_size"]  # the default also holds for tasks without a pool
-    return {**found, "env": env}
+    env, training = dict(found.get("env", {})), {**(tasks.get(task) or {}), **found.get("training_env", {})}
+    for settings in (env, training):
+        if task not in TASKS or TASKS[task].pool is None:
+            settings.pop("pool_size", None)  # the default also holds for tasks without a pool
+    return {**found, "env": env, "training_env": training}
 
 
 def _entries(name: str) -> dict[str, Any]:

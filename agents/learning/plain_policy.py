@@ -168,6 +168,8 @@ class PlainPolicy:
 
     def misfit(self, env: Any) -> str:
         """Why it cannot play in an env or batch; "" if it sees there what it saw in training, and acts likewise."""
+        from magwire_env.envs.task import TASKS
+
         core = getattr(env.unwrapped, "core", None)
         if core is None:
             return f"a policy of {self.task} needs a MagWire env, got {env}"
@@ -177,7 +179,7 @@ class PlainPolicy:
                 f"the policy was trained on {self.task} to see {self.size} numbers ({', '.join(self.about.channels)}), "
                 f"but {core.task.id} shows {core.observer.space.shape[0]} here ({', '.join(shown)})"
             )
-        mode = self.about.env.get("action_mode", "angle")
+        mode = self.about.env.get("action_mode", TASKS[self.task].action_mode)
         if (core.actuation.mode, core.actuation.space.shape) != (mode, self.low.shape):
             return (
                 f"the policy was trained on {self.task} to give {len(self.low)} numbers (action_mode {mode!r}), but "

@@ -18,6 +18,7 @@ from safetensors.numpy import load as arrays_of
 from safetensors.numpy import save as bytes_of
 
 from ..notes import note
+from ..shipped import folder_of
 from .plain_policy import ACTIVATIONS, Layer, Normalization, PlainPolicy, PolicyAbout
 from .run_folder import best_of
 from .stored import Stored, read_json
@@ -98,15 +99,18 @@ def read(folder: Path) -> PlainPolicy:
 
 
 def load(folder: str | Path, trust: bool = False) -> PlainPolicy:
-    """The policy of `folder`: a policy's own folder, or a run's, whose best policy it then is.
+    """The policy of `folder`: a policy's own folder, a run's, whose best policy it then is, or a shipped ``trained/…``.
 
     trust : also open what Stable-Baselines3 or a pickle saved, which runs any program that stands in it
 
     Raises `FileNotFoundError` or `ValueError`, naming the file; `ValueError` for a folder that needs `trust`.
     """
-    folder = Path(folder)
+    given, folder = str(folder), Path(folder)
     if not folder.is_dir():
-        raise FileNotFoundError(f"no folder {str(folder)!r} to load a policy from")
+        shipped = folder_of(given)
+        if shipped is None:
+            raise FileNotFoundError(f"no folder {given!r} to load a policy from")
+        folder = shipped
     held = sorted({path.name for path in folder.rglob("*") if path.suffix.lower() in _PROGRAMS})
     found = best_of(folder)
     while found is not None:

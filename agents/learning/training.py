@@ -7,7 +7,7 @@ import io
 import json
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -35,13 +35,13 @@ from .sb3 import make_model, make_vec_env
 from .stored import read_json
 from .tree_file import load_tree, save_tree
 
-__all__ = ["CURVE", "Run", "curve_of", "learn", "learning_curve", "read_curve"]
+__all__ = ["CURVE", "Run", "curve_of", "goodness", "learn", "learning_curve", "read_curve"]
 
 VALIDATION_SEED = EVALUATION_SEED + 500_000
 """Held-out seeds for choosing the best model: neither training's nor the final evaluation's."""
 
 CURVE = "learning_curve.csv"
-_COLUMNS = ("timesteps", "seconds", "success_rate", "median_time_s", "mean_reward")
+_COLUMNS = ("timesteps", "seconds", "success_rate", "median_time_s", "mean_reward", "median_rms_error_m")
 
 
 def learn(run: Run, patience: float = 0.0) -> bool:
@@ -177,8 +177,8 @@ class Progress:
         model.logger.record("eval/success_rate", result["success_rate"])
         model.logger.record("eval/median_time_s", result["median_time_s"])
         model.logger.dump(model.num_timesteps)
-        score = _score(result)
-        if score > max((_score(row) for row in self.rows), default=(-1.0, 0.0)):
+        score = goodness(result)
+        if score > max((goodness(row) for row in self.rows), default=(-1.0, 0.0)):
             self.best = policy
         values = (model.num_timesteps, round(self._seconds, 1), *(result[name] for name in _COLUMNS[2:]))
         self.rows.append(dict(zip(_COLUMNS, values, strict=True)))
@@ -268,10 +268,11 @@ def _measured(result: dict[str, float]) -> str:
     return f"median time {f'{time:.3f} s' if time == time else '–'}"
 
 
-def _score(row: dict[str, float]) -> tuple[float, float]:
-    """Success first, then speed."""
-    time = row["median_time_s"]
-    return row["success_rate"], -time if time == time else -float("inf")
+def goodness(result: Mapping[str, float]) -> tuple[float, float]:
+    """How good a model is: success first, then speed, or in a tracking task the RMS error."""
+    rms = result["median_rms_error_m"]
+    measure = rms if rms == rms else result["median_time_s"]
+    return result["success_rate"], -measure if measure == measure else -float("inf")
 
 
 @contextmanager

@@ -68,6 +68,7 @@ _OFF_POLICY: Space = {
 SPACES: dict[str, Space] = {
     "ppo": _ON_POLICY,
     "stacked_ppo": _ON_POLICY,
+    "knows_ppo": _ON_POLICY,
     "sac": _OFF_POLICY | {"tau": _one_of(0.005, 0.01, 0.02)},
     "tqc": _OFF_POLICY | {"tau": _one_of(0.005, 0.01, 0.02), "top_quantiles_to_drop_per_net": _one_of(0, 2, 5)},
     "crossq": _OFF_POLICY | {"policy_delay": _one_of(1, 2, 3)},
@@ -125,20 +126,25 @@ def tune(
         raise ValueError(f"{len(failed)} of {left} trials failed, the first with: {failed[0]}")
     path = out / f"{name}.yml"
     out.mkdir(parents=True, exist_ok=True)
-    content = {
-        "task": task,
-        "scenario": scenario,
-        "algorithm": algorithm,
-        "seed": seed,
-        "timesteps": timesteps,
+    content = _described(config, rows)
+    path.write_text(yaml.safe_dump(content, sort_keys=False, width=120), encoding="utf-8")
+    return path
+
+
+def _described(config: Config, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """What a study's file holds: its settings, the best trial, and all trials in their order."""
+    return {
+        "task": config.task,
+        "scenario": config.scenario,
+        "algorithm": config.algorithm,
+        "seed": config.seed,
+        "timesteps": config.timesteps,
         "optuna": version("optuna"),
         "value": "mean episode reward on the held-out episodes after the last step",
         "given": rows[0]["value"],
         "best": dict(max(rows, key=lambda row: row["value"])),
         "trials": rows,
     }
-    path.write_text(yaml.safe_dump(content, sort_keys=False, width=120), encoding="utf-8")
-    return path
 
 
 def _study(storage: str, name: str) -> optuna.Study:

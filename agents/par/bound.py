@@ -35,6 +35,10 @@ _TICK = 5e-3
 """Time step of y(t) (5), s; the arc that is within reach at the end of a step counts for the whole step."""
 
 
+_CREEP = 2e-3
+"""m/s; below this speed, at which friction is not yet whole, the wire counts as moving this fast whatever holds it."""
+
+
 class Fastest:
     """Least times in one scenario and direction, from any place and magnet angle.
 
@@ -54,7 +58,8 @@ class Fastest:
         resistance, self._growth = self._resistance(direction)
         self.commands, force = greatest(self.library, self._entries, self.places, direction)
         bend = 0.5 * scenario.wire.bending_rigidity * float((scenario.tract.curvature(self.places) ** 2).max())
-        self._margin = _MARGIN * (float(np.abs(force).max()) + bend)
+        largest = float(np.abs(force).max())
+        self._margin = _MARGIN * (largest + bend) + self._missing_friction(largest)
         self.net = force - resistance + self._margin
         stretch = float(np.abs(force).max()) * scenario.wire.length / scenario.wire.axial_rigidity
         step = scenario.timing.control_period / scenario.substeps
@@ -66,6 +71,16 @@ class Fastest:
         """The force that moves the wire along `direction`, N, and its growth with speed, N·s/m."""
         force, growth = Tails([self.scenario]).resistance(self._entries, self.places, direction)
         return force + direction * self._bend, growth
+
+    def _missing_friction(self, largest: float) -> float:
+        """Friction that smoothing takes away at the speed `_CREEP`, N (10).
+
+        largest : N, greatest force of the magnets, which also bounds what presses the tip on the wall
+        """
+        contact = self.scenario.contact
+        missing = 1.0 - _CREEP / float(np.hypot(_CREEP, contact.stick_speed))
+        (forth, _), (back, _) = (Tails([self.scenario]).resistance(self._entries, self.places, d) for d in (1, -1))
+        return missing * (0.5 * float((forth + back).max()) + 2.0 * contact.friction * largest)
 
     def least(self, start: float, goal: float, magnet: float | None = None) -> float:
         """Least time from rest at `start` to `goal` (m), s; ∞ where not even the greatest force gets there.
@@ -104,7 +119,7 @@ class Fastest:
         start = min(max(start, 0.0), self.scenario.tract.length)
         places = np.linspace(start, goal, int(np.ceil(abs(goal - start) / _SPACING)) + 1)
         net, growth = np.interp(places, self.places, self.net), np.interp(places, self.places, self._growth)
-        _, seconds = traverse(places, net, growth, self.mass)
+        _, seconds = traverse(places, net, growth, self.mass, _CREEP)
         return places, np.r_[0.0, seconds.cumsum()]
 
     def _farthest(self, start: float, goal: float, magnet: float, begin: float) -> tuple[np.ndarray, np.ndarray]:
@@ -114,12 +129,13 @@ class Fastest:
         places, force = places[first:], np.maximum.accumulate(force[first:], axis=0)
         growth = float(self._growth.min())
         share = -np.expm1(-_TICK * growth / self.mass)
-        x = y = self.direction * start
+        x = self.direction * start
+        y = x + self.mass / growth * _CREEP
         times, reached = [0.0], [x]
         for k in range(round(begin / _TICK) + 1, self._ticks() + 1):
             columns = self._arc(magnet, k)
             row = min(int(np.searchsorted(places, x + (y - x) * share)) + 1, len(places) - 1)
-            y += max(float(force[row, columns].max()), 0.0) / growth * _TICK
+            y += (max(float(force[row, columns].max()), 0.0) / growth + _CREEP) * _TICK
             x += (y - x) * share
             if x >= self.direction * goal:
                 break

@@ -47,7 +47,8 @@ def least_times(starts: Starts) -> np.ndarray:
 
     A target must be held within its tolerance at the end of every substep, for `Task.hold_periods` whole control
     periods on end. So the tip is within the near edge of the tolerance by the end of the first substep of the first of
-    these periods, and the episode ends with the last of them (docs/par.md, equation 8).
+    these periods, and the episode ends with the last of them (docs/par.md, equation 8). Where the tip must come back,
+    the bounds of the two ways add up (9).
     """
     fastest: dict[tuple[int, int], Fastest] = {}
     least = np.zeros(len(starts))
@@ -62,6 +63,11 @@ def least_times(starts: Starts) -> np.ndarray:
         if direction * (goal - tip) > 0.0:
             magnet = float(starts.magnet[i, 0]) if starts.magnet.shape[1] == 1 else None
             least[i] = fastest[entry, direction].least(tip, goal, magnet)
+        if task.kind.returns:
+            # The tip passes the far goal forwards, so it sets off from rest on its way back, there or farther on.
+            if (entry, -1) not in fastest:
+                fastest[entry, -1] = Fastest(starts.library.scenarios[entry], -1)
+            least[i] += fastest[entry, -1].least(goal, float(starts.final[i]))
         if task.kind.holds:
             period = library.control_period
             last = least[i] / period - 1.0 / library.substeps + task.hold_periods(period)

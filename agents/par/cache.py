@@ -61,6 +61,8 @@ class Cache:
         digest = hashlib.sha256(head)
         digest.update(_digest_of(starts.library.scenarios[starts.entries[i]]).encode())
         numbers = [starts.tip[i : i + 1], starts.magnet[i], starts.goal[i : i + 1], starts.reference[i]]
+        if starts.task.kind.returns:
+            numbers.append(starts.final[i : i + 1])
         digest.update(np.concatenate(numbers).astype(np.float64).tobytes())
         return digest.hexdigest()[:40]
 

@@ -23,12 +23,13 @@ number of periods is nearer to one period less.
 def judged(starts: Starts, trace: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """`Outcome.value`, `time` and `steps` of recorded episodes, from their traces (H, substeps + 1, n) m."""
     task = starts.task
-    env = verdict(task, trace, starts.goal, starts.reference, starts.step_limit, starts.period)
+    far = starts.library.tract_length[starts.entries]
+    env = verdict(task, trace, starts.goal, starts.reference, starts.step_limit, starts.period, starts.final, far)
     if task.kind.follows:
         held = env.alive.all(axis=0)
         rms = env.rms_error
         return np.where(held, rms, FAILED + rms), np.where(held, rms, np.nan), np.full(trace.shape[2], len(trace))
-    cost = _steering_cost if task.kind.passes else _reaching_cost
+    cost = _return_cost if task.kind.returns else _steering_cost if task.kind.passes else _reaching_cost
     value, time = cost(starts, trace, env), np.where(env.success, env.time, np.nan)
     return value, time, np.where(env.success, env.steps, len(trace))
 
@@ -39,6 +40,11 @@ def _steering_cost(starts: Starts, trace: np.ndarray, env: Verdict) -> np.ndarra
     before = trace[:, :-1].reshape(-1, n)
     farthest = np.where(np.repeat(env.alive, substeps, axis=0), before, -np.inf).max(axis=0)
     return np.where(env.success, env.time, FAILED * (1.0 + np.minimum(starts.goal - farthest, 1e3)))
+
+
+def _return_cost(starts: Starts, trace: np.ndarray, env: Verdict) -> np.ndarray:
+    """Time to the end of the way back, or the least way left, both legs counted, of a plan that fails."""
+    return np.where(env.success, env.time, FAILED * (1.0 + np.minimum(env.least, 1e3)))
 
 
 def _reaching_cost(starts: Starts, trace: np.ndarray, env: Verdict) -> np.ndarray:

@@ -28,6 +28,7 @@ class Verdict:
     time : (n,) s until it ended, to the crossing of the goal in a steering task; NaN if it did not
     alive : (H, n) the tip was in the tract up to the end of this control period
     rms_error : (n,) m over all H control periods, of a tracking task
+    least : (n,) m, the least way left at the end of a control period
     """
 
     success: np.ndarray
@@ -35,10 +36,18 @@ class Verdict:
     time: np.ndarray
     alive: np.ndarray
     rms_error: np.ndarray
+    least: np.ndarray
 
 
 def verdict(
-    task: Task, trace: np.ndarray, goal: np.ndarray, reference: np.ndarray, step_limit: int, period: float
+    task: Task,
+    trace: np.ndarray,
+    goal: np.ndarray,
+    reference: np.ndarray,
+    step_limit: int,
+    period: float,
+    final: np.ndarray | None = None,
+    far: np.ndarray | None = None,
 ) -> Verdict:
     """Judge recorded episodes by the env's kernel.
 
@@ -47,6 +56,8 @@ def verdict(
     reference : (n, H + 1 or more) m, of a tracking task
     step_limit : control periods that an episode lasts at most
     period : control period, s
+    final : (n,) m, of a task that comes back
+    far : (n,) m, the tracts' lengths, of a task that ends there
     """
     horizon, points, n = trace.shape
     width = -(-n // LANES) * LANES  # kernels work on whole blocks of lanes
@@ -56,10 +67,18 @@ def verdict(
     lanes, readout = np.zeros((len(EPISODE), width)), np.zeros((len(ROW), width))
     lanes[EPISODE.start_distance] = lanes[EPISODE.route_length] = 1.0
     lanes[EPISODE.wall_limit] = np.inf
+    lanes[EPISODE.sense] = 1.0
+    lanes[EPISODE.far] = np.inf
+    if task.kind.ends_far:
+        assert far is not None  # of every start of such a task
+        lanes[EPISODE.far, :n] = far
+    if task.kind.returns:
+        assert final is not None  # of every start of such a task
+        lanes[EPISODE.after, :n] = behind = np.abs(goal - final)
     values, summary = np.empty((len(VALUE), width)), np.zeros((len(kernels.SUMMARY), n))
     unsafe, weights = 0.0, np.zeros(len(TERMS))  # no safety mode, and rewards are not asked for
     running, success, alive = np.ones(n, np.bool_), np.zeros(n, np.bool_), np.ones((horizon, n), np.bool_)
-    steps, time = np.full(n, horizon), np.full(n, np.nan)
+    steps, time, least = np.full(n, horizon), np.full(n, np.nan), np.full(n, np.inf)
     for step in range(horizon):
         readout[ROW.travelled, :n], readout[ROW.remaining] = trace[step, -1], left[step, -1]
         diverged = kernels.judge(
@@ -72,6 +91,11 @@ def verdict(
         ended = running & (terminated | truncated)
         kernels.summarise(np.flatnonzero(ended), rule, left[step], period, lanes, summary)
         steps[ended], time[ended], success[ended] = step + 1, summary[1, ended], won[ended]
+        least = np.where(running & alive[step], np.minimum(least, values[VALUE.left, :n]), least)
         running &= ~ended
+        if task.kind.returns and len(turning := np.flatnonzero(values[VALUE.turned, :n] > 0.0)):
+            kernels.turn_back(turning, left[step], period, behind[turning], lanes)
+            left[step + 1 :, :, turning] = final[turning] - trace[step + 1 :, :, turning]  # type: ignore[index]
     kernels.summarise(np.arange(n), rule, left[-1], period, lanes, summary)
-    return Verdict(success, steps, time, np.logical_and.accumulate(alive, axis=0), summary[-1])
+    rms = summary[kernels.SUMMARY.index("rms_error")]
+    return Verdict(success, steps, time, np.logical_and.accumulate(alive, axis=0), rms, least)

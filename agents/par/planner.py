@@ -99,7 +99,7 @@ def _new_plans(starts: Starts, settings: Refinement, progress: Progress) -> tupl
 def _first_plans(trials: Trials, progress: Progress) -> Iterator[np.ndarray]:
     """Plans (n, step_limit, dof) of every method that serves this task and rig."""
     starts = trials.starts
-    if starts.one_turn:
+    if starts.one_turn and not starts.task.kind.returns:  # dynamic programming knows one goal alone
         progress.stage = "dynamic programming"
         yield by_dynamic_programming(trials)
     for controller in _FIRST[starts.task.kind.rule]:

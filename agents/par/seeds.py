@@ -144,7 +144,10 @@ def by_controller(starts: Starts, policy: Callable[[Any], Policy]) -> np.ndarray
 
 def _begin_at(core: SteeringCore, starts: Starts) -> None:
     """Put the episodes that have just begun in all lanes to `starts`."""
-    core.begin_at(np.arange(len(starts)), Places(starts.tip), Places(starts.goal), starts.magnet, starts.reference)
+    final = starts.final if starts.task.kind.returns else None
+    core.begin_at(
+        np.arange(len(starts)), Places(starts.tip), Places(starts.goal), starts.magnet, starts.reference, final
+    )
 
 
 class _WithoutResets:

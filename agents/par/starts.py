@@ -21,6 +21,7 @@ class Starts:
     library, entries : scenarios, and each episode's number in them (n,)
     tip, magnet : (n,) m and (n, dof) rad or m, of a wire at rest behind its tip
     goal : (n,) m
+    final : (n,) m, where a task that comes back ends; NaN in any other
     reference : (n, step_limit + 1 or more) m in a tracking task, else (n, 0)
     step_limit : control periods that an episode lasts at most
     """
@@ -31,6 +32,7 @@ class Starts:
     tip: np.ndarray
     magnet: np.ndarray
     goal: np.ndarray
+    final: np.ndarray
     reference: np.ndarray
     step_limit: int
 
@@ -40,14 +42,14 @@ class Starts:
         sim = core.sim
         return cls(
             core.task, sim.library, sim.lane_scenario[lanes], sim.tip_arclength[lanes], sim.magnet[lanes],
-            core.goal[lanes], core.episodes.reference[lanes], core.step_limit,
+            core.goal[lanes], core.episodes.final[lanes], core.episodes.reference[lanes], core.step_limit,
         )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.entries)
 
     def __getitem__(self, rows: np.ndarray) -> Starts:
-        own = {k: getattr(self, k)[rows] for k in ("entries", "tip", "magnet", "goal", "reference")}
+        own = {k: getattr(self, k)[rows] for k in ("entries", "tip", "magnet", "goal", "final", "reference")}
         return replace(self, **own)
 
     @property

@@ -92,7 +92,8 @@ class Trials:
         magnet = np.empty((horizon, starts.library.dof, m))
         course = None if follow is None else _PlanByPlace(starts, rows, actions, follow)
         actions = np.ascontiguousarray(actions.transpose(1, 0, 2))
-        passed, used = np.zeros(m, dtype=np.bool_), 0
+        passed, used, final = np.zeros(m, dtype=np.bool_), 0, starts.final[rows]
+        back = np.full(m, not starts.task.kind.returns)  # the way back is under way, or none comes
         for step in range(horizon):
             tip[step] = sim.travelled
             if course is not None:
@@ -101,7 +102,11 @@ class Trials:
             trace[step], magnet[step] = -sim.trace[:, :m], sim.magnet.T
             used = step + 1
             if starts.task.kind.passes:  # nothing after the goal counts
-                passed |= (trace[step, 1:] >= goal).any(axis=0)
+                if starts.task.kind.returns:
+                    passed |= back & (trace[step, 1:] <= final).any(axis=0)
+                    back |= (trace[step, 1:] >= goal).any(axis=0)
+                else:
+                    passed |= (trace[step, 1:] >= goal).any(axis=0)
                 if passed.all():
                     break
         for array in (magnet, actions, tip):
@@ -120,6 +125,7 @@ class _PlanByPlace:
         commands[:, :, turns] = np.unwrap(commands[:, :, turns], axis=1)
         self._commands, self._actions = commands, actions
         self._clocked = np.isnan(follow[:, 0])
+        self._back = -1.0 if starts.task.kind.returns else 1.0
         self._follow = np.where(self._clocked[:, None], 0.0, follow)
         self._pace = np.diff(self._follow, axis=1, append=self._follow[:, -1:])
         self._lead, self._lane = np.zeros(len(rows)), np.arange(len(rows))
@@ -129,7 +135,8 @@ class _PlanByPlace:
         at, share = self._phase(step)
         pace = self._pace[self._lane, at]
         off = tip - self._follow[self._lane, at] - share * pace
-        moving = (pace > _LEAST_PACE) & ~self._clocked
+        # On a way back the pace is negative, and so is what the tip is ahead by.
+        moving = ((pace > _LEAST_PACE) | (self._back * pace > _LEAST_PACE)) & ~self._clocked
         self._lead += np.where(moving, np.clip(off / np.where(moving, pace, 1.0), -1.0, 1.0), 0.0)
         at, share = self._phase(step)
         share = share[:, None]

@@ -134,6 +134,8 @@ class SteeringCore:
         start, goal = kind.begin(self.task, sim.library, entries, drawn[:, : kind.draws])
         _, low, high = sim.library.limits.of(entries)
         magnet = low + drawn[:, kind.draws :] * (high - low)
+        held = kind.magnets(sim.library, entries, start.s)
+        magnet = magnet if held is None else held
         if options:
             start, goal, magnet = self._overridden(options, lanes, entries, start, goal, magnet)
         if self.navigation:
@@ -146,18 +148,26 @@ class SteeringCore:
         if kind.follows:
             times = sim.control_period * np.arange(self.episodes.reference.shape[1])
             reference = kind.reference(self.task, sim.library, entries, drawn[:, : kind.draws], times)
-        self.begin_at(lanes, start, goal, magnet, reference)
+        final = kind.final(self.task, sim.library, entries) if kind.returns else None
+        self.begin_at(lanes, start, goal, magnet, reference, final)
         self._readings.begin(lanes, rngs)
 
     def begin_at(
-        self, lanes: np.ndarray, start: Places, goal: Places, magnet: np.ndarray, reference: np.ndarray | None = None
+        self,
+        lanes: np.ndarray,
+        start: Places,
+        goal: Places,
+        magnet: np.ndarray,
+        reference: np.ndarray | None = None,
+        final: np.ndarray | None = None,
     ) -> None:
         """Start episodes in `lanes` (n,) with the tips at `start`, the rig at `magnet` (n, dof), as they are given.
 
         reference : (n, steps) m, of a tracking task
+        final : (n,) m, of a task that comes back
         """
         self.sim.lay(lanes, start, magnet, goal)
-        self.episodes.begin(lanes, reference)
+        self.episodes.begin(lanes, reference, final)
         if self.navigation:
             self.navigation.begin(lanes)
         self.action[lanes] = 0.0
@@ -190,7 +200,7 @@ class SteeringCore:
             raise ValueError(f"options must be of {', '.join(known)}; got {min(unknown)!r}")
         if not set(options) <= set(kind.takes):
             raise ValueError(
-                f"options must be of {', '.join(kind.takes)} alone in a tracking task, whose reference says the rest"
+                f"options must be of {', '.join(kind.takes)} alone in the task {self.task.id}, which fixes the rest"
             )
         magnet = self._magnet_option(options, lanes, magnet)
         if self.navigation:
@@ -258,6 +268,8 @@ class SteeringCore:
                 f"{sim.travelled[diverged]} m. Its numbers cannot be integrated with "
                 f"{sim.library.substeps} steps in a control period of {sim.control_period:g} s"
             )
+        if task.kind.returns:
+            episodes.turn_back(values[VALUE.turned, : sim.num_envs])
         if self.reward_terms:
             self.action[:] = action
             self._add_terms(values)
@@ -330,6 +342,8 @@ class SteeringCore:
             del summary["rms_error"]
         if self.navigation:
             summary |= self.navigation.summary(summary)
+        if not kind.returns:
+            del summary["time_in"], summary["time_back"]
         return summary
 
     def observe(self) -> np.ndarray:
@@ -381,8 +395,8 @@ def _warn_uncertified(task: Task, scenario: Scenario) -> None:
     """
     if not supports(scenario, "quasistatic"):
         return
-    for direction in task.kind.directions:
-        found = certificate(scenario, direction=direction, time_limit=task.time_limit)
+    for direction, goal in task.kind.ways(task, scenario):
+        found = certificate(scenario, direction, goal=goal, time_limit=task.time_limit)
         if not found.solvable:
             warnings.warn(f"scenario {scenario.name!r} has no certificate for {task.id}: {found}", stacklevel=5)
             return

@@ -11,14 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..simulation.compiled import kernel
+from ..compiled import kernel
 from ..simulation.lanes import LANES, absolute, load, maximum, minimum, sin_cos, store, where
 from ..simulation.readout import ROW
 from ..simulation.servo import LIMIT
 
 __all__ = [
     "ANGLE", "COSINE", "DIRECTION", "DISTANCE_LEFT", "EPISODE", "FOLLOW", "HOLD", "PASS", "RATE", "RESULT", "SINE",
-    "SLIDE", "SUMMARY", "TRAVELLED", "VALUE", "command_of", "judge", "observe", "previewed", "summarise",
+    "SLIDE", "SUMMARY", "TRAVELLED", "VALUE", "command_of", "judge", "observe", "passed_at", "previewed",
+    "summarise", "turn_back",
 ]  # fmt: skip
 
 ANGLE, RATE, DIRECTION = range(3)
@@ -48,6 +49,10 @@ class Episode(NamedTuple):
     held : s, for which the goal has been held
     sum_squares : m², of the way left over the steps
     unconverged : substeps so far whose solve did not converge
+    sense : 1, or −1 on a way back, where the tip has passed the goal once it is behind it
+    after : m, way that comes after the present goal: the way back of a task that comes back, until the tip has turned
+    turned : s, when the tip passed the goal at which it turned back; 0 before
+    far : m, the episode ends when the tip is farther along than this
     """
 
     start_distance: int
@@ -62,6 +67,10 @@ class Episode(NamedTuple):
     held: int
     sum_squares: int
     unconverged: int
+    sense: int
+    after: int
+    turned: int
+    far: int
 
 
 class Value(NamedTuple):
@@ -73,6 +82,7 @@ class Value(NamedTuple):
     left : m, way left
     unconverged : substeps whose solve did not converge
     success, terminated, truncated : 0 or 1
+    turned : 1 where the tip has just passed a goal after which a way back comes
     """
 
     reward: int
@@ -80,6 +90,7 @@ class Value(NamedTuple):
     for_progress: int
     for_time: int
     for_wall: int
+    for_travel: int
     cost: int
     wall_force: int
     path_ratio: int
@@ -88,13 +99,14 @@ class Value(NamedTuple):
     success: int
     terminated: int
     truncated: int
+    turned: int
 
 
 EPISODE, VALUE = Episode(*range(len(Episode._fields))), Value(*range(len(Value._fields)))
 
 SUMMARY = (
     "steps", "time", "peak_wall_force", "mean_wall_force", "peak_lateral_force", "magnet_travel", "unconverged",
-    "rms_error",
+    "rms_error", "time_in", "time_back",
 )  # fmt: skip
 
 
@@ -130,15 +142,18 @@ def command_of(mode, action, is_turn, period, limits, magnet, command):
 def way_left(rule, lane, trace, lanes, tolerance, period):
     """Way left to the goal after a control period (m), whether the task is done, and how long the goal has been held.
 
-    `PASS` is done when the tip has passed the goal at any substep; `HOLD`, when it has stayed within `tolerance` of the
-    target at every substep for long enough (the caller's business); `FOLLOW` never is before the time limit.
+    `PASS` is done when the tip has passed the goal at any substep, in the direction of the episode's `sense`; `HOLD`,
+    when it has stayed within `tolerance` of the target at every substep for long enough (the caller's business);
+    `FOLLOW` never is before the time limit.
     """
     left = load(trace, trace.shape[0] - 1, lane)
     if rule == PASS:
-        nearest = load(trace, 0, lane)
+        sense = load(lanes, EPISODE.sense, lane)
+        nearest = sense * load(trace, 0, lane)
         for k in range(1, trace.shape[0]):
-            nearest = minimum(nearest, load(trace, k, lane))
-        return where(nearest <= 0.0, 0.0, left), where(nearest <= 0.0, 1.0, 0.0 * left), 0.0 * left
+            nearest = minimum(nearest, sense * load(trace, k, lane))
+        left = where(nearest <= 0.0, 0.0, sense * left)
+        return left + load(lanes, EPISODE.after, lane), where(nearest <= 0.0, 1.0, 0.0 * left), 0.0 * left
     worst = 0.0 * left
     for k in range(1, trace.shape[0]):
         worst = maximum(worst, absolute(load(trace, k, lane)))
@@ -166,6 +181,8 @@ def judge(n, rule, readout, trace, step_limit, period, tolerance, hold, safe, we
         start = load(lanes, EPISODE.start_distance, lane)
         ended = steps >= step_limit
         share = left / start
+        turned = where(load(lanes, EPISODE.after, lane) > 0.0, success, 0.0 * success)
+        success = success - turned  # where a way back comes, the goal is not the end
         for_time = where(steps > 0.0, -weights[2], 0.0)
         if rule == HOLD:
             # Half a control period of slack, so that the sum of periods need not be exact.
@@ -177,8 +194,10 @@ def judge(n, rule, readout, trace, step_limit, period, tolerance, hold, safe, we
         wall, peak = load(readout, ROW.mean_wall, lane), load(readout, ROW.peak_wall, lane)
         cost = maximum(peak - load(lanes, EPISODE.wall_limit, lane), 0.0)
         # What a feed has inserted is inside, however far the way back out of a wrong branch is.
-        outside = load(readout, ROW.travelled, lane) + load(readout, ROW.inserted, lane) < 0.0
-        terminated = where(outside, 1.0, success if rule != FOLLOW else 0.0 * success)
+        travelled = load(readout, ROW.travelled, lane)
+        inside = travelled + load(readout, ROW.inserted, lane)
+        outside = where(travelled > load(lanes, EPISODE.far, lane), 1.0, where(inside < 0.0, 1.0, 0.0 * travelled))
+        terminated = where(outside > 0.0, 1.0, success if rule != FOLLOW else 0.0 * success)
         terminated = where(safe * cost > 0.0, 1.0, terminated)
         success = where(safe * cost > 0.0, 0.0, success)
         # An early end without success costs the time that was left. Otherwise giving up would beat slow progress.
@@ -186,11 +205,14 @@ def judge(n, rule, readout, trace, step_limit, period, tolerance, hold, safe, we
         for_success = weights[0] * success
         for_progress = weights[1] * (load(lanes, EPISODE.distance, lane) - left) / start
         for_wall = -weights[3] * cost
-        store(values, VALUE.reward, lane, for_success + for_progress + for_time + for_wall)
+        for_travel = -weights[4] * load(readout, ROW.travel, lane)
+        rest = for_wall + for_travel
+        store(values, VALUE.reward, lane, for_success + for_progress + for_time + rest)
         store(values, VALUE.for_success, lane, for_success)
         store(values, VALUE.for_progress, lane, for_progress)
         store(values, VALUE.for_time, lane, for_time)
         store(values, VALUE.for_wall, lane, for_wall)
+        store(values, VALUE.for_travel, lane, for_travel)
         store(values, VALUE.cost, lane, cost)
         store(values, VALUE.wall_force, lane, wall)
         store(values, VALUE.path_ratio, lane, 1.0 - share)
@@ -199,6 +221,7 @@ def judge(n, rule, readout, trace, step_limit, period, tolerance, hold, safe, we
         store(values, VALUE.success, lane, success)
         store(values, VALUE.terminated, lane, terminated)
         store(values, VALUE.truncated, lane, where(ended, 1.0 - terminated, 0.0))
+        store(values, VALUE.turned, lane, turned)
         add_up(lane, readout, lanes, (left, steps, held, squares, wall, peak))
     return -1
 
@@ -221,22 +244,46 @@ def add_up(lane, readout, lanes, now):
 
 
 @kernel
+def passed_at(trace, lane, period, lanes):
+    """When the tip passed the goal in the control period just judged, in periods since the episode's start.
+
+    Linear within the substep in which it happened; −1 if it did not pass, or turned back in this very period.
+    """
+    last, sense = trace.shape[0] - 1, lanes[EPISODE.sense, lane]
+    steps = lanes[EPISODE.steps, lane]
+    for k in range(last if lanes[EPISODE.turned, lane] <= (steps - 1.0) * period else 0):
+        before, after = sense * trace[k, lane], sense * trace[k + 1, lane]
+        if after <= 0.0 or before <= 0.0:
+            share = min(max(before / (before - after), 0.0), 1.0) if after < before else 1.0
+            return steps - 1.0 + (k + share) / last
+    return -1.0
+
+
+@kernel
+def turn_back(turning, trace, period, behind, lanes):
+    """Begin the way back of the lanes `turning` (m,), whose tips have just passed the goal of the way in.
+
+    behind : (m,) m, ways back
+    """
+    for i in range(turning.shape[0]):
+        lane = turning[i]
+        lanes[EPISODE.turned, lane] = passed_at(trace, lane, period, lanes) * period
+        lanes[EPISODE.sense, lane], lanes[EPISODE.after, lane] = -1.0, 0.0
+        lanes[EPISODE.distance, lane] = behind[i]
+
+
+@kernel
 def summarise(ended, rule, trace, period, lanes, summary):
     """Totals of the episodes that ended in the lanes `ended`, each into its column of `summary`, see `SUMMARY`.
 
-    Under `PASS` the time, s, runs to the goal's crossing, linear within the substep in which the tip passed it; under
-    other rules to the end of the last control period.
+    Under `PASS` the time, s, runs to the goal's crossing, see `passed_at`; under other rules to the end of the last
+    control period. The times in and back are of a task that comes back; NaN for a leg that was not finished.
     """
-    last = trace.shape[0] - 1
     for lane in ended:
         steps = lanes[EPISODE.steps, lane]
-        elapsed = steps
-        for k in range(last if rule == PASS else 0):
-            before, after = trace[k, lane], trace[k + 1, lane]
-            if after <= 0.0 or before <= 0.0:
-                share = min(max(before / (before - after), 0.0), 1.0) if after < before else 1.0
-                elapsed = steps - 1.0 + (k + share) / last
-                break
+        passed = passed_at(trace, lane, period, lanes) if rule == PASS else -1.0
+        elapsed = passed if passed >= 0.0 else steps
+        turned = lanes[EPISODE.turned, lane]
         summary[0, lane] = steps
         summary[1, lane] = elapsed * period
         summary[2, lane] = lanes[EPISODE.peak_wall, lane]
@@ -245,6 +292,8 @@ def summarise(ended, rule, trace, period, lanes, summary):
         summary[5, lane] = lanes[EPISODE.travel, lane]
         summary[6, lane] = lanes[EPISODE.unconverged, lane]
         summary[7, lane] = math.sqrt(lanes[EPISODE.sum_squares, lane] / steps)
+        summary[8, lane] = turned if turned > 0.0 else math.nan
+        summary[9, lane] = elapsed * period - turned if turned > 0.0 and passed >= 0.0 else math.nan
 
 
 @kernel

@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from ..quasistatic.standing import Standing, standing
+from ..scenario import Scenario
 from ..simulation import Library, Places
 from .kernels import FOLLOW, HOLD, PASS
 
 if TYPE_CHECKING:
     from .task import Task
 
-__all__ = ["KINDS", "Kind", "Reach", "Steer", "Track"]
+__all__ = ["KINDS", "InAndOut", "Kind", "Reach", "ReachStanding", "Steer", "Track", "TrackStanding"]
 
 _LEAST_WAY = 0.05
 """A target is at least this far from the start, m."""
@@ -34,6 +36,8 @@ class Kind:
         within the tolerance for the task's hold; `FOLLOW`, not before the time limit
     draws : how many uniform numbers a beginning is made from
     navigates : the tip must find its way to a branch of a tree, see `magwire_env.envs.navigation`
+    returns : having passed the goal, the tip must come back to `final`, and pass that place
+    ends_far : the episode ends when the tip leaves the tract by its far end, as it does at the inlet
     directions : the ways along the tract a wire may have to go, 1 forwards and −1 backwards
     takes : options of `reset` that make sense
     """
@@ -42,6 +46,8 @@ class Kind:
     rule: ClassVar[int]
     draws: ClassVar[int]
     navigates: ClassVar[bool] = False
+    returns: ClassVar[bool] = False
+    ends_far: ClassVar[bool] = False
     directions: ClassVar[tuple[int, ...]] = (1,)
     takes: ClassVar[tuple[str, ...]] = ("tip_arclength", "target", "magnet_angle")
 
@@ -63,6 +69,21 @@ class Kind:
     def begin(self, task: Task, library: Library, entries: np.ndarray, drawn: np.ndarray) -> tuple[Places, Places]:
         """Where the tips of the scenarios `entries` (n,) start, and where their goals are."""
         raise NotImplementedError
+
+    def final(self, task: Task, library: Library, entries: np.ndarray) -> np.ndarray:
+        """Where the way back of the scenarios `entries` (n,) ends, (n,) m; of a kind that returns."""
+        raise ValueError(f"only a task that comes back has a final goal, got the task {task.id}")
+
+    def magnets(self, library: Library, entries: np.ndarray, start: np.ndarray) -> np.ndarray | None:
+        """Where the rigs of the scenarios `entries` (n,) stand at the start, (n, dof); None for anywhere.
+
+        start : (n,) m, of the tips
+        """
+        return None
+
+    def ways(self, task: Task, scenario: Scenario) -> tuple[tuple[int, float | None], ...]:
+        """What must be certified for a scenario: directions, and where each way ends, m (None: as `certificate`)."""
+        return tuple((direction, None) for direction in self.directions)
 
     def starts(self, task: Task) -> str:
         """For people: where an episode starts."""
@@ -105,6 +126,42 @@ class Steer(Kind):
         return (
             f"The tip starts at the wire's length ± {1e3 * task.start_spread:g} mm; the goal lies "
             f"{1e3 * task.goal_margin:g} mm before the tract's end."
+        )
+
+
+@dataclass(frozen=True)
+class InAndOut(Steer):
+    """Drive the tip from the inlet to the end, and back out.
+
+    beyond : m; the way back ends this far before the wire's whole length is drawn out of the tract
+    """
+
+    name: ClassVar[str] = "in and out"
+    returns: ClassVar[bool] = True
+    directions: ClassVar[tuple[int, ...]] = (1, -1)
+    takes: ClassVar[tuple[str, ...]] = ("tip_arclength", "magnet_angle")
+    beyond: float = 0.05
+
+    def final(self, task: Task, library: Library, entries: np.ndarray) -> np.ndarray:
+        """As `Kind.final`."""
+        return library.wire_length[entries] + self.beyond
+
+    def ways(self, task: Task, scenario: Scenario) -> tuple[tuple[int, float | None], ...]:
+        """As `Kind.ways`."""
+        return (1, None), (-1, scenario.wire.length + self.beyond)
+
+    def starts(self, task: Task) -> str:
+        """As `Kind.starts`."""
+        return (
+            f"{super().starts(task)} Once the tip has passed it, the goal lies {1e3 * self.beyond:g} mm beyond the "
+            "wire's length, on the way back."
+        )
+
+    def ends(self, task: Task) -> str:
+        """As `Kind.ends`."""
+        return (
+            "Terminated when the tip, after it has passed the far goal, passes the near one on its way back "
+            '(`is_success`); `summary["time_in"]` and `["time_back"]` are the two legs. `distance` counts both legs.'
         )
 
 
@@ -179,5 +236,50 @@ class Track(Kind):
         return middle[:, None] + size[:, None] * waves.sum(axis=1)
 
 
-KINDS: dict[str, Kind] = {kind.name: kind for kind in (Steer(), Reach(), Track())}
+def _standing(library: Library, entries: np.ndarray) -> list[tuple[np.ndarray, Standing]]:
+    """The rows (k,) of `entries` that have the same scenario, and where its tip can stand."""
+    return [(np.flatnonzero(entries == e), standing(library.scenarios[e])) for e in np.unique(entries)]
+
+
+@dataclass(frozen=True)
+class ReachStanding(Reach):
+    """Drive the tip to a target either way, and hold it there; it starts and ends where a magnet can hold it."""
+
+    name: ClassVar[str] = "reach standing"
+    ends_far: ClassVar[bool] = True
+
+    def begin(self, task: Task, library: Library, entries: np.ndarray, drawn: np.ndarray) -> tuple[Places, Places]:
+        """As `Kind.begin`: a place at which the tip cannot stand gives way to the nearest at which it can."""
+        start, goal = (places.s for places in super().begin(task, library, entries, drawn))
+        for rows, where in _standing(library, entries):
+            start[rows], goal[rows] = where.nearest_good(start[rows]), where.nearest_good(goal[rows])
+        return Places(start), Places(goal)
+
+    def starts(self, task: Task) -> str:
+        """As `Kind.starts`."""
+        return f"{super().starts(task)} At both places some angle holds the tip, and others move it either way."
+
+
+@dataclass(frozen=True)
+class TrackStanding(Track):
+    """Keep the tip on a moving reference; at the start the magnet holds it there."""
+
+    name: ClassVar[str] = "track standing"
+    ends_far: ClassVar[bool] = True
+
+    def magnets(self, library: Library, entries: np.ndarray, start: np.ndarray) -> np.ndarray | None:
+        """As `Kind.magnets`: the angle that holds the tip most firmly."""
+        angles = np.empty((len(start), 1))
+        for rows, where in _standing(library, entries):
+            angles[rows, 0] = where.angle(start[rows])
+        return angles
+
+    def starts(self, task: Task) -> str:
+        """As `Kind.starts`."""
+        return f"{super().starts(task)} The magnet stands where it holds the tip most firmly."
+
+
+KINDS: dict[str, Kind] = {
+    kind.name: kind for kind in (Steer(), InAndOut(), Reach(), Track(), ReachStanding(), TrackStanding())
+}
 """The kinds by name."""

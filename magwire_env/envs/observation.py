@@ -36,6 +36,9 @@ __all__ = ["CHANNELS", "Channel", "Number", "Observer", "Reader", "register_chan
 PREVIEW_OFFSETS = (0.0, 0.01, 0.02, 0.04, 0.06, 0.08)
 """m ahead of the tip at which `tract_preview` looks."""
 
+CLOSE_SCALES = (5e-3, 0.02, 0.1)
+"""m; `goal_close` is finest within these."""
+
 REFERENCE_OFFSETS = (0.0, 0.5, 1.0, 2.0)
 """s ahead at which `reference_preview` looks."""
 
@@ -103,6 +106,14 @@ def _reference(sim: Simulator, episodes: Episodes) -> np.ndarray:
     return (episodes.reference_ahead(np.array(REFERENCE_OFFSETS)) - sim.travelled[:, None]) / LENGTH_SCALE
 
 
+def _close_numbers(sim: Simulator) -> Sequence[Number]:
+    return [Number(quantity="length", label=f"tanh at {1e3 * scale:g} mm") for scale in CLOSE_SCALES]
+
+
+def _close(sim: Simulator, episodes: Episodes) -> np.ndarray:
+    return np.tanh(sim.remaining[:, None] / np.array(CLOSE_SCALES))
+
+
 CHANNELS: dict[str, Channel] = {
     "tip_arclength": Channel(2, "tip arc length / tract length", partial(_of_route, kind=kernels.TRAVELLED)),
     "tip_speed": Channel(10, "tip speed along the tract / 0.1 m/s", rows_of(ROW.speed, SPEED_SCALE, "speed")),
@@ -119,6 +130,10 @@ CHANNELS: dict[str, Channel] = {
     "wall_force": Channel(10, "force on the wall / 0.1 N", rows_of(ROW.wall, WALL_SCALE, "force")),
     "tip_position": Channel(10, "tip, x y z / 0.1 m", rows_of(ROW.tip_x, LENGTH_SCALE, "length", 3)),
     "tip_tangent": Channel(1, "direction of the tip's moment", rows_of(ROW.tangent_x, 1.0, "", 3)),
+    "goal_close": Channel(
+        1, "way left to the goal / 5, 20 and 100 mm, each through tanh: fine where the goal is close",
+        _close_numbers, always(_close),
+    ),
     "tract_preview": Channel(
         10, "centreline 0, 10, 20, 40, 60, 80 mm ahead of the tip: points from the first magnet's centre / 0.1 m, "
         "then tangents",

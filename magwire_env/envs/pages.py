@@ -12,6 +12,7 @@ from typing import Any
 from ..scenario import Feed, Scenario, Twist
 from ..scenario.rig import Slide, Turn
 from .env import MagWireEnv
+from .kinds import Kind
 from .rewards import TERMS, info_name
 from .task import TASKS, Task
 
@@ -24,10 +25,24 @@ ABOUT = {
     "SteerAny": "Steer along a tract never seen before, with the paper's fixed one-axis magnet.",
     "Orient": "Steer along a tract never seen before, with a fixed magnet that turns to any direction.",
     "Chase": "Steer along a tract never seen before, with a magnet that slides above it and follows the tip.",
+    "Hard": "Steer along a tract never seen before, where the best command leaves less than 0.3 mN somewhere.",
     "Navigate": "Bring the tip of a wire that is fed into the aortic arch into the branch drawn for the episode.",
     "Dual": "Steer along a tract never seen before, with one turning magnet above it and one below.",
 }
 """By a task's name, what it asks."""
+
+
+_VERSIONS = {
+    "MagWire/Steer-v1": "* v1: in and back out; holding the magnet at home passes v0\n* v0: first, the way in alone",
+    "MagWire/SteerAny-v1": "* v1: only tracts that no held command crosses; its magnet is turned by rates\n* v0: first",
+    "MagWire/Hard-v1": "* v1: first; only tracts that no held command crosses",
+    "MagWire/Reach-v1": "* v1: starts and targets where the tip can stand; the far end ends the episode; "
+    "the way left is also shown finely; the magnet is turned by rates\n* v0: first",
+    "MagWire/Track-v1": "* v1: the magnet starts where it holds the tip; the far end ends the episode; "
+    "the magnet is turned by rates\n* v0: first",
+    "MagWire/Steer-v0": "* v0: first. Holding the magnet at home passes it: see v1",
+    "MagWire/SteerAny-v0": "* v0: first. More than half of its tracts are crossed by one held command: see v1",
+}
 
 
 class _Page:
@@ -91,15 +106,16 @@ def page(task_id: str) -> str:
         ],
         "Reward": [_REWARD, rewards],
         "Starting State": [
-            f"{where}{kind.starts(task)} The rig stands anywhere in its range, and everything is at rest.",
+            f"{where}{kind.starts(task)} {_rig_starts(kind)}Everything is at rest.",
             f"`reset(options=…)` takes {', '.join(f'`{name}`' for name in kind.takes)} (m; rad for turns).",
         ],
         "Episode End": [
-            f"{kind.ends(task)} Terminated, too, when the tip leaves the tract backwards. Truncated after "
+            f"{kind.ends(task)} Terminated, too, when the tip leaves the tract "
+            f"{'by either end' if kind.ends_far else 'backwards'}. Truncated after "
             f"{task.time_limit:g} s."
         ],
         "Info, Arguments": ["See `MagWireEnv`."],
-        "Version History": ["* v0: first"],
+        "Version History": [_VERSIONS.get(task_id, "* v0: first")],
     }
     parts = [ABOUT.get(name, f"The task {task_id}.")]
     for title, paragraphs in sections.items():
@@ -124,6 +140,10 @@ _REWARD = (
     'The sum of these terms, every one in `info`. Weights by `reward=RewardWeights(…)`; `reward="sparse"` is 1 on '
     "success and 0 otherwise; terms of your own by `reward_terms=`."
 )
+
+
+def _rig_starts(kind: Kind) -> str:
+    return "" if type(kind).magnets is not Kind.magnets else "The rig stands anywhere in its range. "
 
 
 def _filled(text: str) -> str:

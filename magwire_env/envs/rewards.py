@@ -40,6 +40,7 @@ class RewardWeights:
         "before the time limit pays for the steps that were left too, so that giving up never pays",
     )
     wall: float = _weight(0.5, "cost of each control step for each newton of wall force above the scenario's limit")
+    travel: float = _weight(0.0, "cost of each radian or metre that the rig moves, so that commands become smooth")
 
     def __post_init__(self) -> None:
         for one in fields(self):

@@ -68,7 +68,12 @@ class Task:
 
 
 _AHEAD = (*DEFAULT_CHANNELS, "tract_preview")
-_STEER, _REACH, _TRACK = (KINDS[name] for name in ("steer", "reach", "track"))
+_STEER, _IN_AND_OUT, _REACH, _TRACK, _REACH_STANDING, _TRACK_STANDING = KINDS.values()
+
+_TURNING_ROOM = 0.09
+"""The far goal of Steer-v1 lies this far before the tract's end, m: a tip that arrives at full speed coasts up to 50 mm
+while the magnet turns round. With the goal 10 mm before the end it coasts out of the tract, where the magnet's pull is
+weak, and `MaxForce`, `NetForce` and `PD` never come back (0 of 20 episodes each)."""
 
 _TREE = (
     "route_from_magnet", "tip_tangent", "magnet_pose", "tip_points", "contact", "base", "astray", "distance_left",
@@ -85,6 +90,23 @@ TASKS = {
         Task("MagWire/Orient-v0", _STEER, pool="Orient", time_limit=60.0, observe=_AHEAD),
         Task("MagWire/Chase-v0", _STEER, pool="Chase", time_limit=60.0, observe=_AHEAD),
         Task("MagWire/Dual-v0", _STEER, pool="Dual", time_limit=60.0, observe=_AHEAD),
+        Task("MagWire/Steer-v1", _IN_AND_OUT, Scenario.paper, goal_margin=_TURNING_ROOM),
+        Task(
+            "MagWire/Reach-v1",
+            _REACH_STANDING,
+            Scenario.paper,
+            observe=(*DEFAULT_CHANNELS, "goal_close"),
+            action_mode="rate",
+        ),
+        Task(
+            "MagWire/Track-v1",
+            _TRACK_STANDING,
+            Scenario.paper,
+            observe=(*DEFAULT_CHANNELS, "reference_preview"),
+            action_mode="rate",
+        ),
+        Task("MagWire/SteerAny-v1", _STEER, pool="SteerAny-v1", time_limit=60.0, observe=_AHEAD, action_mode="rate"),
+        Task("MagWire/Hard-v1", _STEER, pool="Hard-v1", time_limit=60.0, observe=_AHEAD, action_mode="rate"),
         Task("MagWire/Navigate-v0", Navigate(), arenas.arch, time_limit=20.0, observe=_TREE, action_mode="moment"),
     )
 }

@@ -111,7 +111,7 @@ def _draw(panel: Any, case: _Column, points: np.ndarray, found: ShapeSolution, n
     bx, bz = (b[:, i].reshape(len(x), len(z)).T for i in (0, 2))
     size = np.clip(np.hypot(bx, bz), norm.vmin, norm.vmax)
     panel.streamplot(
-        1e3 * x, 1e3 * z, bx, bz, color=size, cmap=SEQUENCE, norm=norm, density=0.45, linewidth=0.6, arrowsize=0.6,
+        1e3 * x, 1e3 * z, bx, bz, color=size, cmap=SEQUENCE, norm=norm, density=0.35, linewidth=0.6, arrowsize=0.6,
         zorder=1,
     )  # fmt: skip
     _draw_magnets(panel, case.rig, found)

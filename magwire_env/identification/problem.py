@@ -11,8 +11,8 @@ from .rollouts import Predictor
 
 __all__ = ["Problem"]
 
-_START_REACH, _START_STEP = 15e-3, 1e-5
-"""m: how far from its first reading a tip may start, and the step of the finite difference."""
+_START_REACH, _START_STEP = 15e-3, 1e-8
+"""m: how far from its first reading a tip may start, and the step of the finite difference, see `Parameter.step`."""
 
 _FAR = 1e6
 """Residual, in standard deviations, of what could not be predicted."""
@@ -86,7 +86,7 @@ class Problem:
             x[free],
             jac=lambda part: self.jacobian(whole(part), free),
             bounds=(self.low[free], self.high[free]),
-            x_scale=(self.high - self.low)[free],
-            ftol=1e-8, xtol=1e-9, gtol=1e-10, max_nfev=60,
+            x_scale="jac",
+            ftol=1e-8, xtol=1e-12, gtol=1e-12, max_nfev=120,
         )  # fmt: skip
         return whole(found.x), 2.0 * float(found.cost)

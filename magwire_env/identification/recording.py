@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.checks import in_range, non_negative, one_of, positive
+from ..physics.checks import in_range, non_negative, one_of, positive, whole
 from ..quasistatic import best_command
 from ..scenario import Scenario, Turn
 from ..simulation import Simulator
@@ -95,15 +95,18 @@ def record(
     columns: Sequence[str] = ("tip_x", "tip_y", "tip_z"),
     noise: Mapping[str, float] | None = None,
     seed: int = 0,
+    episodes: int = 1,
 ) -> Log:
-    """A log of one episode that the simulator makes.
+    """A log that the simulator makes.
 
     commands : (T, dof) rad, m or A; or (simulator, number of the control period) → (1, dof); by default `Excitation`
-    start : m, where the tip lies at first, by default 1.5 times the wire's length
+    start : m, where the tip lies at first, by default 1.5 times the wire's length; of several episodes the first, and
+        the others begin farther on, evenly spread up to 0.7 of the tract
     columns : what is measured, of `MEASURED`
     noise : kind of measurement → standard deviation, SI; by default 1 mm for positions and nothing for others
     """
     positive("seconds", seconds, "s")
+    whole("episodes", episodes, 1)
     sim = Simulator(scenario, 1, threads=1)
     steps = max(1, round(seconds / sim.control_period))
     if commands is None:
@@ -112,16 +115,21 @@ def record(
         commands = np.asarray(commands, dtype=np.float64)
         steps = min(steps, len(commands))
     start = min(1.5 * scenario.wire.length, 0.5 * scenario.tract.length) if start is None else start
-    sim.reset(tip_arclength=in_range("start", start, 0.0, scenario.tract.length, "m"))
+    in_range("start", start, 0.0, scenario.tract.length, "m")
     if noise is None:
         noise = {"position": 1e-3} if any(MEASURED[c].kind == "position" for c in columns if c in MEASURED) else {}
-    recorder = Recorder(columns, noise, np.random.default_rng(seed))
-    for step in range(steps):
-        command = commands(sim, step) if callable(commands) else commands[step][None]
+    rng, found = np.random.default_rng(seed), []
+    last = max(start, 0.7 * scenario.tract.length)
+    for begins in np.linspace(start, last, episodes):
+        sim.reset(tip_arclength=begins)
+        recorder = Recorder(columns, noise, rng)
+        for step in range(steps):
+            command = commands(sim, step) if callable(commands) else commands[step][None]
+            recorder.note(sim, command[0])
+            sim.step(command)
         recorder.note(sim, command[0])
-        sim.step(command)
-    recorder.note(sim, command[0])
-    return Log((recorder.episode(),))
+        found.append(recorder.episode())
+    return Log(tuple(found))
 
 
 def from_minari(dataset: Any) -> Log:

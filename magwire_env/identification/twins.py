@@ -92,12 +92,13 @@ def twins(
     noise: Mapping[str, float] | None = None,
     columns: Sequence[str] = ("tip_x", "tip_y", "tip_z"),
     seconds: float = 20.0,
+    episodes: int = 6,
     seed: int = 0,
     **settings: Any,
 ) -> Twins:
     """`count` experiments with truths drawn from `RANGES`.
 
-    noise, columns, seconds : of the logs, see `record`
+    noise, columns, seconds, episodes : of the logs, see `record`
     settings : of `identify`; the noise is not told to it
     """
     whole("count", count, 1)
@@ -107,7 +108,7 @@ def twins(
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         truth = _drawn(scenario, parameters, rng)
-        log = _true_log(scenario, parameters, truth, columns, noise, seconds, int(rng.integers(2**31)))
+        log = _true_log(scenario, parameters, truth, columns, noise, seconds, int(rng.integers(2**31)), episodes)
         done.append(Twin(truth, identify(scenario, log, parameters, seed=number, **settings)))
     return Twins(tuple(done))
 
@@ -128,14 +129,14 @@ def _drawn(scenario: Scenario, parameters: Sequence[str], rng: np.random.Generat
 
 def _true_log(
     scenario: Scenario, parameters: Sequence[str], truth: np.ndarray, columns: Sequence[str],
-    noise: Mapping[str, float] | None, seconds: float, seed: int,
+    noise: Mapping[str, float] | None, seconds: float, seed: int, episodes: int = 1,
 ) -> Log:  # fmt: skip
     """A log of the scenario with the true parameters; where turns are off, what was commanded is not what was done."""
     actual, offset = scenario, 0.0
     for name, value in zip(parameters, truth, strict=True):
         actual = PARAMETERS[name].put(actual, float(value))
         offset += float(value) if PARAMETERS[name].turns_offset else 0.0
-    log = record(actual, seconds=seconds, columns=columns, noise=noise, seed=seed)
+    log = record(actual, seconds=seconds, columns=columns, noise=noise, seed=seed, episodes=episodes)
     if not offset:
         return log
     turns = offset * turns_of(scenario)

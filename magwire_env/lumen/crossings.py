@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import njit
+
+from ..compiled import precise
 
 __all__ = ["crossing_faces"]
-
-# Not cached on disk: the cache of Numba alone served code of another build (a test of the crease failed with it).
-_JIT: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
 _MOST = 64
 """Pairs reported; more say no more."""
@@ -40,7 +36,7 @@ def crossing_faces(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return found[:number]
 
 
-@njit(**_JIT)
+@precise
 def _listed(first, last, shape, total):
     keys, owners = np.empty(total, dtype=np.int64), np.empty(total, dtype=np.int64)
     k = 0
@@ -54,7 +50,7 @@ def _listed(first, last, shape, total):
     return keys, owners
 
 
-@njit(**_JIT)
+@precise
 def _pairs(keys, owners, first, shape, corners, low, high, faces, found):
     number, start = 0, 0
     while start < len(keys) and number < len(found):
@@ -89,14 +85,14 @@ def _pairs(keys, owners, first, shape, corners, low, high, faces, found):
     return number
 
 
-@njit(**_JIT)
+@precise
 def _cut(t, s):
     """Whether an edge of triangle t passes through triangle s."""
     one = _pierces(t[0], t[1], s[0], s[1], s[2])
     return one or _pierces(t[1], t[2], s[0], s[1], s[2]) or _pierces(t[2], t[0], s[0], s[1], s[2])
 
 
-@njit(**_JIT)
+@precise
 def _pierces(p, q, a, b, c):
     """Whether the segment p–q passes through the triangle, by the signs of volumes; touching does not count."""
     over, under = _volume(p, a, b, c), _volume(q, a, b, c)
@@ -106,7 +102,7 @@ def _pierces(p, q, a, b, c):
     return (one > 0.0 and two > 0.0 and three > 0.0) or (one < 0.0 and two < 0.0 and three < 0.0)
 
 
-@njit(**_JIT)
+@precise
 def _volume(a, b, c, d):
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]

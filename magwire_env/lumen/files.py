@@ -155,7 +155,7 @@ def _read_csv(path: Path, unit: str | None) -> list[Centreline]:
         if match := _COLUMN.match(cell.strip()):
             name = match[1].lower() if match[1].lower() in ("x", "y", "z") else "radius"
             if name in columns:
-                raise ValueError(f"{path} line {rows[0][0]} must name {name} once, got {header!r}")
+                raise ValueError(f"{path} line {rows[0][0]} must name {name} once, got {header[:80]!r}")
             columns[name] = (i, match[2] or match[3])
         elif _LIKE_A_RADIUS.match(cell.strip()):
             warnings.warn(
@@ -171,7 +171,7 @@ def _read_csv(path: Path, unit: str | None) -> list[Centreline]:
     for name, (_, declared) in columns.items():
         scales[name] = _scale(path, name, declared, unit, f"write it in the header, as in '{name} [mm]', or ")
     if len({scales[c] for c in "xyz"}) > 1:
-        raise ValueError(f"{path} must declare x, y and z in one unit, got {header!r}")
+        raise ValueError(f"{path} must declare x, y and z in one unit, got {header[:80]!r}")
     numbers = np.array(
         [_csv_row(path, i, row, delimiter, columns) for i, row in rows[1:] if not row.startswith("#")], dtype=np.float64
     ).reshape(-1, len(columns)) * [scales[c] for c in columns]

@@ -65,8 +65,8 @@ def one_tree(path: str, lines: list[TreeLine], inlet: str | np.ndarray | None, n
         notes.append(f"{len(doubled)} lines run along others and are dropped: {', '.join(map(str, doubled[:6]))}")
     for name, place in loops:
         notes.append(
-            f"line {name!r} ends in another one at ({place[0]:.6g}, {place[1]:.6g}, {place[2]:.6g}): a loop, "
-            f"which the tree opens there"
+            f"line {name!r} ends in another one at ({place[0]:.6g}, {place[1]:.6g}, {place[2]:.6g}): a loop, which "
+            "the tree opens there"
         )
     return [g.line for g in grown]
 

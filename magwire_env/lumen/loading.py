@@ -16,7 +16,8 @@ import numpy as np
 from ..physics.checks import one_of, positive, vector
 from .branch import Branch
 from .joining import one_tree, tidied
-from .lumen import Lumen, attached
+from .joints import attached
+from .lumen import Lumen
 from .lumen_file import load_lumen, save_lumen
 from .masks import surface_of
 from .mending import mended
@@ -186,6 +187,9 @@ def _from_lines(wish: _Wish, found: FoundLines) -> Lumen:
             line.radii = np.full(len(line.points), wish.radius / scale)
     with naming(wish.path):
         tree = one_tree(str(wish.path), lines, wish.inlet, wish.notes)
+        for line in tree:  # few points: they mean what they say, and no smoothing may hide a kink
+            if len(line.points) > 2 and np.median(_steps(line)) > 0.7 * np.median(line.radii):
+                _refuse_kink(wish.path, line.name, line)
         wish.progress(0.6, "smoothing")
         branches = _branches(
             wish, [replace(line, points=p, radii=r) for line in tree for p, r in (tidied(line),)], scale
@@ -211,6 +215,10 @@ def _branches(wish: _Wish, lines: list[TreeLine], scale: float) -> tuple[Branch,
         except ValueError as error:
             raise ValueError(f"{wish.path} branch {name!r} cannot be a branch: {error}") from None
     return tuple(made)
+
+
+def _steps(line: TreeLine) -> np.ndarray:
+    return np.linalg.norm(np.diff(line.points, axis=0), axis=1)
 
 
 def _refuse_kink(path: Path, name: str, line: TreeLine) -> None:

@@ -15,6 +15,9 @@ __all__ = ["surface_of"]
 _BLUR = 0.6
 """Width of the Gaussian that smooths a mask's steps, voxels."""
 
+_PAD = 3
+"""Voxels that are added all round, so that the surface closes."""
+
 _ROUNDS = 15
 """Rounds of smoothing of a mask's surface."""
 
@@ -32,7 +35,36 @@ def surface_of(
     invert : the voxels are the material, and the lumen is the hollow in it.
     Raises `ValueError` naming the file and the fault.
     """
-    values, level = volume.values, None
+    inside, level = _inside_of(path, volume.values, notes)
+    if invert:
+        inside = _without_outside(~inside)
+        level = None
+    if not inside.any() or inside.all():
+        raise ValueError(
+            f"{path} must hold voxels inside and outside, got {'only' if inside.all() else 'no'} voxels inside"
+        )
+    inside = _one_piece(path, inside, volume, notes, near)
+    box = ndimage.find_objects(inside.astype(np.uint8))[0]
+    touched = [f"{'ijk'[a]} = {e}" for a in range(3) for e in (0, inside.shape[a] - 1) if inside.take(e, axis=a).any()]
+    if touched:
+        notes.append(f"the mask reaches the border of its volume ({', '.join(touched)}): it is closed there")
+    grow = [(max(s.start - 3, 0), min(s.stop + 3, n)) for s, n in zip(box, inside.shape, strict=True)]
+    crop = tuple(slice(a, b) for a, b in grow)
+    field = _field(inside[crop], None if level is None else level[crop])
+    del inside
+    vertices, faces, _, _ = anatomy_library("skimage.measure").marching_cubes(field, 0.0)
+    if level is None:
+        vertices = _without_steps(vertices.astype(np.float64), faces)
+    vertices = vertices.astype(np.float64) - _PAD + [a for a, _ in grow]
+    faces = faces.astype(np.int64)
+    if np.linalg.det(volume.affine[:3, :3]) > 0:  # marching cubes turns the faces towards the larger values
+        faces = faces[:, ::-1]
+    return RawSurface(vertices @ volume.affine[:3, :3].T + volume.affine[:3, 3], faces)
+
+
+def _inside_of(path: str, values: np.ndarray, notes: list[str]) -> tuple[np.ndarray, np.ndarray | None]:
+    """Which voxels are inside, and the level that is positive there; None for a mask."""
+    level = None
     if values.dtype.kind == "f":
         finite = np.isfinite(values)
         if not finite.all():
@@ -53,41 +85,18 @@ def surface_of(
         labels = np.unique(values[:: max(1, values.shape[0] // 64)])
         if len(labels[labels != 0]) > 1:
             notes.append(f"a label map with the labels {labels[labels != 0][:8].tolist()}: all of them are inside")
-    if invert:
-        inside = _without_outside(~inside)
-        level = None
-    if not inside.any() or inside.all():
-        raise ValueError(
-            f"{path} must hold voxels inside and outside, got {'only' if inside.all() else 'no'} voxels inside"
-        )
-    inside = _one_piece(path, inside, volume, notes, near)
-    box = ndimage.find_objects(inside.astype(np.uint8))[0]
-    touched = [f"{'ijk'[a]} = {e}" for a in range(3) for e in (0, inside.shape[a] - 1) if inside.take(e, axis=a).any()]
-    if touched:
-        notes.append(f"the mask reaches the border of its volume ({', '.join(touched)}): it is closed there")
-    grow = [(max(s.start - 3, 0), min(s.stop + 3, n)) for s, n in zip(box, inside.shape, strict=True)]
-    crop = tuple(slice(a, b) for a, b in grow)
-    pad = 3
+    return inside, level
+
+
+def _field(inside: np.ndarray, level: np.ndarray | None) -> np.ndarray:
+    """What is positive inside, `_PAD` voxels wider on all sides: the level, or the mask smoothed."""
     if level is None:
-        field = ndimage.gaussian_filter(np.pad(inside[crop], pad).astype(np.float32), _BLUR, truncate=4.0) - np.float32(
-            0.5
-        )
-    else:
-        outside = float(min(level.min(), -1e-3))
-        kept = np.where(
-            inside[crop] | ~ndimage.binary_dilation(inside[crop], iterations=2), level[crop], -np.abs(level[crop])
-        )
-        field = np.pad(np.where(level[crop] <= 0, np.minimum(level[crop], 0), kept), pad, constant_values=outside)
-        field = field.astype(np.float32)
-    del inside
-    vertices, faces, _, _ = anatomy_library("skimage.measure").marching_cubes(field, 0.0)
-    if level is None:
-        vertices = _without_steps(vertices.astype(np.float64), faces)
-    vertices = vertices.astype(np.float64) - pad + [a for a, _ in grow]
-    faces = faces.astype(np.int64)
-    if np.linalg.det(volume.affine[:3, :3]) > 0:  # marching cubes turns the faces towards the larger values
-        faces = faces[:, ::-1]
-    return RawSurface(vertices @ volume.affine[:3, :3].T + volume.affine[:3, 3], faces)
+        mask = np.pad(inside, _PAD).astype(np.float32)
+        return ndimage.gaussian_filter(mask, _BLUR, truncate=4.0) - np.float32(0.5)
+    outside = float(min(level.min(), -1e-3))
+    kept = np.where(inside | ~ndimage.binary_dilation(inside, iterations=2), level, -np.abs(level))
+    field = np.where(level <= 0, np.minimum(level, 0), kept)
+    return np.pad(field, _PAD, constant_values=outside).astype(np.float32)
 
 
 def _without_steps(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -131,7 +140,7 @@ def _one_piece(path: str, inside: np.ndarray, volume: Volume, notes: list[str], 
     if count > len(large):
         notes.append(
             f"{count - len(large)} small separate pieces, {int(sizes.sum() - sizes[large - 1].sum())} voxels, are "
-            f"dropped"
+            "dropped"
         )
     if len(large) > 1:
         found = ndimage.find_objects(label)

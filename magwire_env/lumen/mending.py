@@ -162,7 +162,7 @@ def _one_piece(
             shown = "; ".join(f"{len(m) // 3} faces about {_at(m.mean(axis=0))}" for m in middles[:6])
             raise told.refuse(
                 f"holds {len(large)} separate pieces of similar size ({shown}); join them, or choose one with "
-                f"inlet=(x, y, z)"
+                "inlet=(x, y, z)"
             )
         apart = [np.linalg.norm(m - near, axis=1).min() for m in middles]
         large = large[[int(np.argmin(apart))]]

@@ -41,7 +41,7 @@ class PolyData:
 
 
 def read_polydata(path: Path) -> PolyData:
-    """The PolyData of a ``.vtp`` or ``.vtk`` file. Raises `ValueError` naming file and element that is wrong."""
+    """The PolyData of a ``.vtp`` or ``.vtk`` file. Raises `ValueError` naming the file and what is wrong."""
     data = whole_file(path)
     with reading(path, "VTK PolyData"):
         found = _xml(path, data) if path.suffix.lower() == ".vtp" else _Legacy(path, data).read()

@@ -58,8 +58,8 @@ def channels_of(path: str, solid: Surface, inlet: np.ndarray | None, notes: list
     if made.volume < 0:
         made = Surface(made.vertices, made.faces[:, ::-1])
     notes.append(
-        f"the channel's ends are closed where the convex hull of the material ends; its surface is made on a grid "
-        f"of {fine:.3g}"
+        f"the channel's ends are closed where the convex hull of the material ends; its surface is made on a grid of "
+        f"{fine:.3g}"
     )
     return made
 

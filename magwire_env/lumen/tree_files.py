@@ -244,6 +244,29 @@ def _graph(path: Path) -> FoundLines:
         raise ValueError(f"{path} must hold the lists 'nodes' and 'edges' (or 'links'), or be a Slicer markups file")
     if len(nodes) > _MOST_NODES or len(edges) > _MOST_NODES:
         raise ValueError(f"{path} must hold at most {_MOST_NODES} nodes and edges")
+    at, points, r = _nodes(path, nodes)
+    pairs = _edges(path, edges, at)
+    unit, root = tree.get("unit", ""), tree.get("root", tree.get("inlet"))
+    degree = np.bincount(np.array(pairs).ravel(), minlength=len(points))
+    ends = np.flatnonzero(degree == 1)
+    if isinstance(root, (str, int)) and root in at:
+        begin = at[root]
+    elif ends.size:
+        begin = int(ends[np.nan_to_num(r[ends]).argmax()])
+    else:
+        raise ValueError(f"{path} must have an end, but every node has two edges or more")
+    lines = _chains(path, points, r, pairs, begin)
+    if np.isnan(r).all():
+        for line in lines:
+            line.radii = np.zeros(0)
+    if unit and unit not in centreline_files.UNITS:
+        raise ValueError(f"{path} unit must be one of {', '.join(centreline_files.UNITS)}, got {str(unit)[:20]!r}")
+    axes = tree.get("coordinateSystem", tree.get("axes", ""))
+    return FoundLines(lines, str(unit or ""), str(axes)[:8])
+
+
+def _nodes(path: Path, nodes: list[Any]) -> tuple[dict[Any, int], np.ndarray, np.ndarray]:
+    """The number of each id, the nodes' places (n, 3) and radii (n,), NaN where a node has none."""
     at: dict[Any, int] = {}
     points, radii = [], []
     for i, node in enumerate(nodes):
@@ -263,6 +286,11 @@ def _graph(path: Path) -> FoundLines:
         at[key] = i
         points.append([float(x) for x in place])
         radii.append(float(radius))
+    return at, np.array(points), np.array(radii)
+
+
+def _edges(path: Path, edges: list[Any], at: dict[Any, int]) -> list[tuple[int, int]]:
+    """The numbers of the two nodes of each edge; edges from a node to itself are left out."""
     pairs = []
     for i, edge in enumerate(edges):
         ends = [edge.get("source"), edge.get("target")] if isinstance(edge, dict) else edge
@@ -274,24 +302,7 @@ def _graph(path: Path) -> FoundLines:
             raise ValueError(f"{path} edges[{i}] must join two of the nodes' ids, got {str(edge)[:60]}")
         if at[ends[0]] != at[ends[1]]:
             pairs.append((at[ends[0]], at[ends[1]]))
-    r = np.array(radii)
-    unit, root = tree.get("unit", ""), tree.get("root", tree.get("inlet"))
-    degree = np.bincount(np.array(pairs).ravel(), minlength=len(points))
-    ends = np.flatnonzero(degree == 1)
-    if isinstance(root, (str, int)) and root in at:
-        begin = at[root]
-    elif ends.size:
-        begin = int(ends[np.nan_to_num(r[ends]).argmax()])
-    else:
-        raise ValueError(f"{path} must have an end, but every node has two edges or more")
-    lines = _chains(path, np.array(points), r, pairs, begin)
-    if np.isnan(r).all():
-        for line in lines:
-            line.radii = np.zeros(0)
-    if unit and unit not in centreline_files.UNITS:
-        raise ValueError(f"{path} unit must be one of {', '.join(centreline_files.UNITS)}, got {str(unit)[:20]!r}")
-    axes = tree.get("coordinateSystem", tree.get("axes", ""))
-    return FoundLines(lines, str(unit or ""), str(axes)[:8])
+    return pairs
 
 
 def _numbers(value: Any, count: int) -> bool:

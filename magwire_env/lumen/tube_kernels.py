@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import njit
+
+from ..compiled import precise
 
 __all__ = ["CHUNK", "KEPT", "deepest"]
 
@@ -15,11 +14,8 @@ CHUNK = 8
 KEPT = 6
 """Branches kept for each point, the deepest first."""
 
-# Not cached on disk: the cache of Numba alone served code of another build (a test of the crease failed with it).
-_JIT: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
-
-@njit(**_JIT)
+@precise
 def _depth(x, y, z, curve, radius, row, u):
     """Depth in the ball about the centreline point (`row`, `u`): r − ρ, and its derivative along the centreline."""
     c = curve[row]
@@ -36,13 +32,13 @@ def _depth(x, y, z, curve, radius, row, u):
     return depth, slope - (px * tx + py * ty + pz * tz) / max(rho, 1e-15)
 
 
-@njit(**_JIT)
+@precise
 def _at(x, y, z, s, curve, radius, first, rows, spacing):
     row = min(max(int(np.floor(s / spacing)), 0), rows - 1)
     return _depth(x, y, z, curve, radius, first + row, s - row * spacing)
 
 
-@njit(**_JIT)
+@precise
 def _refined(x, y, z, s, curve, radius, first, rows, spacing):
     """The largest depth near `s`, by the Illinois form of false position on the derivative, and its arc length."""
     best, best_s = _at(x, y, z, s, curve, radius, first, rows, spacing)[0], s
@@ -71,7 +67,7 @@ def _refined(x, y, z, s, curve, radius, first, rows, spacing):
     return best, best_s
 
 
-@njit(**_JIT)
+@precise
 def _behind(x, y, z, curve, radius, row):
     """Depth in the straight extension before the inlet, and the arc length there (below 0); −∞ if it lies ahead."""
     c = curve[row]
@@ -84,13 +80,13 @@ def _behind(x, y, z, curve, radius, row):
     return radius[row, 0] - across, along
 
 
-@njit(**_JIT)
+@precise
 def _bound(x, y, z, ball):
     """The largest depth that the balls of a chunk allow."""
     return ball[4] - np.sqrt((x - ball[0]) ** 2 + (y - ball[1]) ** 2 + (z - ball[2]) ** 2) + ball[3]
 
 
-@njit(**_JIT)
+@precise
 def _scan(x, y, z, curve, radius, row, count, spacing, best, best_s, s0):
     """The deepest of the knots and midpoints of `count` rows."""
     for k in range(count):
@@ -104,7 +100,7 @@ def _scan(x, y, z, curve, radius, row, count, spacing, best, best_s, s0):
     return best, best_s
 
 
-@njit(**_JIT)
+@precise
 def deepest(points, curve, radius, branches, spacings, balls, chunks, depth, branch, arc):
     """For each point the tubes about it, the deepest first: fills depth, branch and arc, (n, `KEPT`).
 

@@ -27,7 +27,7 @@ def settled_unit(path: str, declared: str, given: str | None, size: float, radiu
     if declared and given and declared != given:
         raise ValueError(
             f"{path} declares its coordinates in {declared!r}, but unit={given!r} was passed; leave unit out, or "
-            f"mend the file"
+            "mend the file"
         )
     if not (np.isfinite(size) and np.isfinite(radius)):
         raise ValueError(f"{path} must have a finite size, got {size} with radius {radius}")

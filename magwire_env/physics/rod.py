@@ -108,7 +108,7 @@ class _Found(NamedTuple):
 class FreeRod:
     """A wire clamped at the origin along +x, its tip magnet free.
 
-    wire : its segments, stiffness and, for `gravity`, mass
+    wire : its segments, stiffness and, for `gravity`, mass; `ValueError` for one with profiles along it
     tip : the magnet at the last node; its moment points along the last segment, outwards. None for a rod that is
         magnetised along its length alone
     magnetisation : moment along the tangent per length of wire, A·m²/m: a function of the arc length from the clamp,
@@ -141,6 +141,12 @@ class FreeRod:
             known = isinstance(value, kind)
             if not known:
                 raise ValueError(f"FreeRod.{name} must be a {name} from magwire_env.physics, got {value!r}")
+        for name in wire.profiled:
+            if name not in ("twisting", "outer_radius"):  # no twist, and contact is the tip's
+                raise ValueError(
+                    f"FreeRod.wire must be uniform, without Guidewire.{name} (a profile); simulate it with "
+                    f'Scenario(model="free") instead, got {getattr(wire, name)!r}'
+                )
         self.wire = wire
         self.tip = tip
         self.segment_moments = segment_moments("FreeRod.magnetisation", magnetisation, wire.segments, wire.length)

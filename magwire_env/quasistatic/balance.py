@@ -19,9 +19,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..compiled import kernel
 from ..scenario import Scenario
 from ..simulation.centreline import COURSE, curve_at, tables
-from ..simulation.compiled import kernel
 from ..simulation.vectors import dot
 
 __all__ = ["Tails"]

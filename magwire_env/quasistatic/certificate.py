@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..compiled import precise
 from ..physics.checks import non_negative, positive
 from ..scenario import Scenario
 from ..simulation import Library, Simulator
-from ..simulation.compiled import precise
 from .balance import Tails
 from .net_force import greatest
 
@@ -55,8 +55,8 @@ class Certificate:
     commands : (n, dof) rad and m, the commands that give this margin; turns are continuous along the way
     speed : (n,) m/s, of a wire that sets off at rest and whose margin drives its drag and inertia; 0 after it stops
     reserve : N, the allowed error of the margin
-    blocked : m, the first place that such a wire does not reach within the time limit, even if the margin were larger
-        by the reserve; None if it gets through. (A margin that is negative over a few millimetres does not hold a wire
+    blocked : m, the place where such a wire stops, even if the margin were larger by the reserve; None if it gets
+        through, however slowly. (A margin that is negative over a few millimetres does not hold a wire
         that arrives with speed.)
     traverse_time : s, for the whole way at that speed, or at the servos' speed where that is slower; ∞ if it stops
     time_limit : s
@@ -99,7 +99,8 @@ class Certificate:
         if self.thrown_out:
             return f"thrown out of the entrance, {weakest}"
         verdict = "solvable" if self.solvable else "doubtful" if margin < self.reserve else "too slow"
-        return f"{verdict}, {weakest}, {self.traverse_time:.1f} s"
+        late = f" of {self.time_limit:g} s allowed" if verdict == "too slow" else ""
+        return f"{verdict}, {weakest}, {self.traverse_time:.1f} s{late}"
 
 
 def certificate(
@@ -236,10 +237,10 @@ def _verdict(
     if reserve is None:
         reserve = _TRUST + _TRUST_BEND * 0.5 * sc.wire.bending_rigidity * float((sc.tract.curvature(way) ** 2).max())
     turning = (np.abs(np.diff(commands, axis=0)) / [d.speed for d in sc.rig.dofs]).max(axis=1)
-    speed, seconds = traverse(way, margin, growth, sc.moving_mass)
+    speed, seconds = traverse(way, margin, growth, sc.moving_mass, 0.0)
     time = float(np.maximum(seconds, turning).sum())
-    _, seconds = traverse(way, margin + reserve, growth, sc.moving_mass)
-    late = np.flatnonzero(np.maximum(seconds, turning).cumsum() > time_limit)
+    _, seconds = traverse(way, margin + reserve, growth, sc.moving_mass, 0.0)
+    late = np.flatnonzero(~np.isfinite(seconds))
     for array in (arrays := (way, margin, commands, speed)):
         array.flags.writeable = False
     return Certificate(
@@ -249,20 +250,24 @@ def _verdict(
 
 
 @precise
-def traverse(way: np.ndarray, margin: np.ndarray, growth: np.ndarray, mass: float) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds (n,) m/s of a wire that sets off at rest, and times (n − 1,) s between places; 0 and ∞ after it stops.
+def traverse(
+    way: np.ndarray, margin: np.ndarray, growth: np.ndarray, mass: float, creep: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds (n,) m/s of a wire that sets off at the speed `creep`, and times (n − 1,) s between places.
 
-    d(½ m v²)/ds = margin − growth·v, with the drag at the end of every step.
+    d(½ m v²)/ds = margin − growth·v, with the drag at the end of every step. Where the margin would stop the wire, it
+    goes on at `creep`, m/s; if that is 0 it stops, and then its speed is 0 and its time ∞.
     """
     speed, seconds = np.zeros(len(way)), np.full(len(way) - 1, np.inf)
-    v = 0.0
+    speed[0] = v = creep
     for i in range(len(way) - 1):
         ds = abs(way[i + 1] - way[i])
         energy = 0.5 * mass * v * v + 0.5 * ds * (margin[i] + margin[i + 1])
-        if energy <= 0.0:
+        if energy <= 0.0 and creep == 0.0:
             break
+        energy = max(energy, 0.0)
         drag = ds * 0.5 * (growth[i] + growth[i + 1])
-        new = (math.sqrt(drag * drag + 2.0 * mass * energy) - drag) / mass
+        new = max((math.sqrt(drag * drag + 2.0 * mass * energy) - drag) / mass, creep)
         seconds[i] = 2.0 * ds / (v + new)
         speed[i + 1] = v = new
     return speed, seconds

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..compiled import precise
 from ..scenario import Scenario
 from ..simulation import Library, Places, Simulator
-from ..simulation.compiled import precise
 from ..simulation.magnetics import SLOT
 from ..simulation.model import require
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from ..compiled import inlined, kernel
 from ..simulation import Simulator
-from ..simulation.compiled import inlined, kernel
 from ..simulation.magnetics import MAGNET, SLOT
 from ..simulation.model import require
 

@@ -20,6 +20,9 @@ __all__ = ["Scene3D"]
 _FORCE_LENGTH = 0.03
 """m, of the force arrow at the reference force."""
 
+_MAGNET_OPACITY = 0.55
+"""Of the magnets, which would hide the tip."""
+
 _CONTACT_LENGTH = 0.02
 """m, of a contact's arrow at the load at which the wire is shaded brightest."""
 
@@ -109,8 +112,9 @@ class Scene3D:
                 ("north", "south"), body_halves(mount.magnet), (paint.NORTH, paint.SOUTH), strict=True
             ):
                 scene.add_mesh_simple(
-                    f"/magnet{i}/{name}", *meshes.prism(corners), color=colour, flat_shading=True, side="double"
-                )
+                    f"/magnet{i}/{name}", *meshes.prism(corners), color=colour, flat_shading=True, side="double",
+                    opacity=_MAGNET_OPACITY,
+                )  # fmt: skip
             self._magnets.append(frame)
         # A lone magnet carries its lines with it; those of several sources are of the sum, drawn anew as they change.
         self._lone = len(rig.magnets) == 1 and not rig.coils
@@ -206,8 +210,8 @@ class Board:
         self.map.background(canvas)
         self.width = 1.4 * float(high[0] - low[0])
         self.height = self.width * _MAP_PIXELS[1] / _MAP_PIXELS[0]
-        # Behind the scene (+y), high enough for the magnet to leave most of it free.
-        self.centre = np.array([(low[0] + high[0]) / 2, high[1] + 0.15 * self.width, low[2] + 0.75 * self.height])
+        # Behind the scene (+y), and so high that the magnet leaves it free, its colour bar too.
+        self.centre = np.array([(low[0] + high[0]) / 2, high[1] + 0.15 * self.width, low[2] + 0.82 * self.height])
         # The image's own axes: x to its right, y down, z away from the viewer.
         self.axes = np.column_stack([(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)])
         self.image = server.scene.add_image(
@@ -216,6 +220,11 @@ class Board:
         )  # fmt: skip
         size = 0.016 * self.width
         self._point = server.scene.add_icosphere("/map_point", radius=size, color=paint.TIP)
+        self._path = server.scene.add_line_segments(
+            "/map_path", np.zeros((1, 2, 3), dtype=np.float32), paint.TIP, thickness=2.5, thickness_units="screen"
+        )
+        self._way: list[np.ndarray] = []
+        self._time, self._command, self._last = 0.0, 0.0, np.zeros(3)
         self._line = server.scene.add_box("/map_target", paint.TARGET, (0.3 * size, 0.1 * size, 1.0))
 
     def world(self, place: float, command: float) -> np.ndarray:
@@ -236,11 +245,27 @@ class Board:
         return self.map.place(tuple(share * _MAP_PIXELS))
 
     def update(self, now: Snapshot) -> None:
-        """Move the present point and the target's line."""
-        self._point.position = self.world(now.tip_arclength, float(self.map.dof.wrapped(now.magnet[0])))
+        """Move the present point and the target's line, and draw the way that the episode has come."""
+        command = float(self.map.dof.wrapped(now.magnet[0]))
+        self._point.position = self.world(now.tip_arclength, command)
+        self._lengthen(now.time, command)
         low, high = (self.world(now.goal, end) for end in self.map.axes.y)
         self._line.position = (low + high) / 2
         self._line.scale = (1.0, 1.0, float(np.linalg.norm(high - low)))
+
+    def _lengthen(self, time: float, command: float) -> None:
+        """One more piece of the way every tenth of a second; a new episode begins a new one."""
+        place = np.array(self._point.position) - 1e-3 * self.width * self.axes[:, 2]  # before the map, not in it
+        if time < self._time or time == 0.0:
+            self._way = []
+            self._path.points = np.zeros((1, 2, 3), dtype=np.float32)
+        elif time - self._time < 0.1 - 1e-9:
+            return
+        else:
+            around = self.map.dof.turn and abs(command - self._command) > np.pi
+            self._way.append(np.stack([place if around else self._last, place]))
+            self._path.points = np.array(self._way, dtype=np.float32)
+        self._time, self._command, self._last = time, command, place
 
 
 def _ring(radius: float) -> np.ndarray:

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..compiled import inlined, kernel
 from ..lumen.curve import Tract
-from .compiled import inlined, kernel
 from .lanes import floor, gather, load, maximum, minimum
 
 __all__ = ["COURSE", "Course", "ahead", "curve_at", "snap", "tables"]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .compiled import inlined, kernel
+from ..compiled import inlined, kernel
 from .lanes import load, row, rsqrt, sin_cos, spread
 from .vectors import add, dot, load3, scaled, sub, turned
 

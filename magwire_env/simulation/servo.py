@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .compiled import kernel
+from ..compiled import kernel
 from .lanes import absolute, floor, load, maximum, minimum, spread, store
 
 __all__ = ["LIMIT", "Actuators", "Limit", "servo"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .compiled import inlined
+from ..compiled import inlined
 from .lanes import load, rsqrt, store
 
 __all__ = ["add", "cross", "dot", "load3", "scaled", "store3", "sub", "turned", "unit"]

@@ -1,7 +1,8 @@
 """docs/physics.md, its tables printed anew: `python -m magwire_env.validation.page docs/physics.md`.
 
 The long table is what `magwire validate --markdown` prints. The short ones take their rows from it. The tables on the
-claim's reach are those of `magwire_env.quasistatic.reach`, from its record. All checks at full size take about half an
+claim's reach are those of `magwire_env.quasistatic.reach`, from its record; that on the free wire is made by
+`magwire_env.validation.unlocked`. All checks at full size take about half an
 hour; a run that was broken off goes on with the checks that it had not finished.
 """
 
@@ -15,10 +16,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ..quasistatic.reach import Drive, Reach, drives, recorded
-from . import CHECKS, FULL, Row, run, table
+from . import CHECKS, FULL, Row, run, table, unlocked
 from .report import format_table
 
-__all__ = ["LONG", "REACH", "SHORT", "reach_tables", "verdicts", "written"]
+__all__ = ["LONG", "REACH", "SHORT", "UNLOCKED", "reach_tables", "verdicts", "written"]
 
 LONG = "| quantity | expected | source | ours | relative error (allowed) | verdict |"
 """Heading of the long table; it is the last on the page."""
@@ -27,6 +28,7 @@ SHORT = "| quantity | ours |"
 """Heading of the short ones."""
 
 REACH = ("<!-- reach:begin -->", "<!-- reach:end -->")
+UNLOCKED = ("<!-- unlocked:begin -->", "<!-- unlocked:end -->")
 
 
 def written(page: str, rows: Sequence[Row]) -> str:
@@ -47,11 +49,17 @@ def written(page: str, rows: Sequence[Row]) -> str:
     else:
         raise ValueError(f"page must hold the line {LONG!r}")
     text = "\n".join(lines) + "\n" + table(rows, markdown=True) + "\n\n" + verdicts(rows) + ".\n"
-    before, first, rest = text.partition(REACH[0])
-    _, last, after = rest.partition(REACH[1])
+    text = _between(text, REACH, reach_tables(recorded(), drives()))
+    return _between(text, UNLOCKED, unlocked.table(unlocked.crossings()))
+
+
+def _between(text: str, marks: tuple[str, str], inside: str) -> str:
+    """The text with what stands between two marks printed anew."""
+    before, first, rest = text.partition(marks[0])
+    _, last, after = rest.partition(marks[1])
     if not first or not last:
-        raise ValueError(f"page must hold the lines {REACH[0]!r} and {REACH[1]!r}, in this order")
-    return f"{before}{first}\n{reach_tables(recorded(), drives())}\n{last}{after}"
+        raise ValueError(f"page must hold the lines {marks[0]!r} and {marks[1]!r}, in this order")
+    return f"{before}{first}\n{inside}\n{last}{after}"
 
 
 def reach_tables(reaches: Sequence[Reach], found: Sequence[Drive]) -> str:

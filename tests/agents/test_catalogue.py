@@ -57,15 +57,19 @@ def registered(monkeypatch: pytest.MonkeyPatch) -> type[Controller]:
 
 def test_what_is_listed():
     assert set(CONTROLLERS) >= {PAR, REFERENCE, *FLOORS, "NetForce", "PD", "MPPI", "ExtremumSeeking"}
-    assert set(FLOORS) == {"ConstantRotation", "Random"}
-    assert [name for name, kind in CONTROLLERS.items() if kind.plans_online] == ["MPPI"]
+    assert set(FLOORS) == {
+        "HoldHome", "BestConstant", "BestConstantEach", "ConstantRotation", "Random", "untrained",
+    }  # fmt: skip
+    assert [name for name, kind in CONTROLLERS.items() if getattr(kind, "plans_online", False)] == ["MPPI"]
 
 
 def test_a_registered_controller_has_a_name_everywhere(registered):
     assert controller("Mine") is registered
     own = resolve("Mine", split="test")
-    assert (own.name, own.task, own.settings) == ("Mine", ID, {})
-    assert np.array_equal(evaluate(own.policy, ID, 2).time, evaluate(MaxForce.from_env, ID, 2).time)
+    assert (own.name, own.task, own.settings) == ("Mine", "MagWire/Steer-v1", {})
+    assert np.array_equal(
+        evaluate(own.policy, "MagWire/Steer-v1", 2).time, evaluate(MaxForce.from_env, "MagWire/Steer-v1", 2).time
+    )
 
 
 def test_registering_refuses_taken_names_bad_names_and_other_things(registered):
@@ -91,7 +95,7 @@ def test_the_command_takes_a_class_from_outside_the_package(module, capsys):
         ("no_such_module:Thing", "importable module:thing, got 'no_such_module:Thing'"),
         ("own_controllers:Other", "importable module:thing"),
         ("numpy:pi", "must name a class with from_env"),
-        ("Nobody", "policy must be a run's or policy's folder, an SB3 .zip, module:thing or one of MaxForce"),
+        ("Nobody", "policy's folder, trained/…, an SB3 .zip, module:thing or one of MaxForce"),
     ],
 )
 def test_names_of_nothing_are_refused(module, name, words):

@@ -181,7 +181,7 @@ def test_a_zip_of_something_else_is_refused(own):
     [
         (
             "two",
-            r"the policy two must answer observations of shape \(2, 7\) of MagWire/Steer-v0 .*with actions",
+            r"the policy two must answer observations of shape \(2, 7\) of MagWire/Steer-v1 .*with actions",
         ),
         ("number", "policy must name a class with from_env"),
         ("Needs", "made without arguments, or one with from_env.*needs weights, gain"),

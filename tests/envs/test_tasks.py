@@ -90,6 +90,17 @@ def test_track_follows_its_own_reference_and_scores_the_error():
     assert info["is_success"] == (info["summary"]["rms_error"] <= 5e-3)
 
 
+def test_reach_shows_finely_how_close_the_goal_is():
+    env = gym.make("MagWire/Reach-v1")
+    observation, _ = env.reset(seed=3)
+    core = env.unwrapped.core
+    for _ in range(5):
+        shown = observation[core.observer.part("goal_close")]
+        way = core.goal[0] - core.sim.tip_arclength[0]
+        assert shown == pytest.approx(np.tanh(way / np.array([5e-3, 20e-3, 100e-3])), abs=1e-6)
+        observation, *_ = env.step(env.action_space.sample())
+
+
 def test_the_goal_env_rewards_any_goals_alike():
     env = gym.make("MagWire/ReachGoal-v0")
     check_env(env.unwrapped, skip_render_check=True)
@@ -230,7 +241,7 @@ def test_the_safety_mode_ends_an_episode_over_the_limit():
         (lambda: Task("x"), "Task must have either a scenario or a pool"),
         (
             lambda: Task("x", "wander", Scenario.paper),
-            "Task.kind must be a Kind or one of 'steer', 'reach', 'track', got 'wander'",
+            "Task.kind must be a Kind or one of 'steer', 'in and out', 'reach', 'track', .* got 'wander'",
         ),
         (lambda: gym.make("MagWire/ReachGoal-v0", task="MagWire/Steer-v0"), "task must be one whose target is held"),
     ],
@@ -242,9 +253,9 @@ def test_refusals(build, words):
 
 def test_a_scenario_without_a_certificate_warns_once():
     scenario = Scenario.paper().replace(name="stiff", wire__bending_modulus=5e6)
-    with pytest.warns(UserWarning, match="scenario 'stiff' has no certificate for MagWire/Steer-v0: blocked at"):
-        gym.make("MagWire/Steer-v0", scenario=scenario, disable_env_checker=True)
+    with pytest.warns(UserWarning, match="scenario 'stiff' has no certificate for MagWire/Steer-v1: blocked at"):
+        gym.make("MagWire/Steer-v1", scenario=scenario, disable_env_checker=True)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        gym.make("MagWire/Steer-v0", scenario=scenario, disable_env_checker=True)
-        gym.make("MagWire/Steer-v0", scenario=Scenario.paper().replace(contact__friction=0.0))
+        gym.make("MagWire/Steer-v1", scenario=scenario, disable_env_checker=True)
+        gym.make("MagWire/Steer-v1", scenario=Scenario.paper().replace(contact__friction=0.0))

@@ -44,7 +44,7 @@ def test_profile_and_laplace_agree_where_the_data_are_plenty(found):
 
 
 def test_twins_are_drawn_anew_and_found_again():
-    done = twins(PAPER, ("friction", "bending_rigidity"), count=3, seconds=8.0, **FAST)
+    done = twins(PAPER, ("friction", "bending_rigidity"), count=3, seconds=8.0, episodes=2, **FAST)
     errors = np.array([twin.errors for twin in done.each])
     assert len({twin.truth[0] for twin in done.each}) == 3
     assert np.abs(errors).max() < 0.05

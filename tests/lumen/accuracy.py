@@ -120,9 +120,8 @@ CASES = {
 
 
 def main(names: list[str]) -> None:
-    print(f"{'tree':18s} {'faces':>7s} {'s':>5s} {'centre':>7s} {'radius':>7s} {'99 %':>6s} {'ends':>5s} "
-          f"{'same tree':>9s}"
-          f" {'volume':>8s} {'tubes':>8s}")  # fmt: skip
+    print(f"{'tree':18s} {'faces':>7s} {'s':>5s} {'centre':>7s} {'radius':>7s} {'99 %':>6s} "
+          f"{'ends':>5s} {'same tree':>9s} {'volume':>8s} {'tubes':>8s}")  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         for name in names or CASES:
             known = CASES[name]()
@@ -133,8 +132,7 @@ def main(names: list[str]) -> None:
             seconds = time.process_time() - start
             a = compared(known, found)
             print(f"{name:18s} {faces:7d} {seconds:5.1f} {a.centre:7.3f} {a.radius:7.3f} {a.radius_99:6.3f} "
-                  f"{a.ends:5.2f}"
-                  f" {a.topology!s:>9s} {a.volume:+8.4f} {a.tubes:+8.4f}", flush=True)  # fmt: skip
+                  f"{a.ends:5.2f} {a.topology!s:>9s} {a.volume:+8.4f} {a.tubes:+8.4f}", flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""The real tree of the shared data: its curves against its surface. `python -m tests.lumen.real_tree` prints them.
+"""The real tree of the shared data: its curves against its surface.
 
-The axes are matched first: of the 48 ways to permute and turn them, with a shift, the one after which the curves lie
-nearest to the surface's centrelines (the median distance; the shift follows the nearer 70 % of the points).
+`python -m tests.lumen.real_tree` prints the figures. The axes are matched first: of the 48 ways to permute and turn
+them, with a shift, the one after which the curves lie nearest to the surface's centrelines (the median distance; the
+shift follows the nearer 70 % of the points).
 """
 
 import os
@@ -74,9 +75,10 @@ def main() -> None:
     if at is None:
         raise SystemExit("the data are absent: set MAGWIRE_DATA")
     curves, surface = both(at)
-    print(f"curves: {len(curves.branches)} branches, {len(curves.leaves)} ends; "
-          f"surface: {len(surface.branches)} branches, {len(surface.leaves)} ends, {len(surface.wall.faces)} "
-          f"faces")  # fmt: skip
+    print(
+        f"curves: {len(curves.branches)} branches, {len(curves.leaves)} ends; "
+        f"surface: {len(surface.branches)} branches, {len(surface.leaves)} ends, {len(surface.wall.faces)} faces"
+    )
     turn, shift = matched(curves, surface)
     print(f"axes {turn.astype(int).tolist()}, shift {(1e3 * shift).round(2)} mm")
     points, radii = centreline(curves)
@@ -86,17 +88,19 @@ def main() -> None:
     print(f"curve points outside the surface: {100 * (room < 0).mean():.1f} %; room about them in the surface over the "
           f"curves' own radius: {np.quantile(room / radii, [0.1, 0.5, 0.9]).round(2)} (10 %, 50 %, 90 %)")  # fmt: skip
     off = wide[at] - room
-    print(f"points farther than 2 mm from the surface's axis: {100 * (gap > 2e-3).mean():.1f} %; of these "
-          f"{100 * (off[gap > 2e-3] > 0.5 * gap[gap > 2e-3]).mean():.0f} % lie off the middle of the surface "
-          f"itself")  # fmt: skip
+    lost = gap > 2e-3
+    print(f"points farther than 2 mm from the surface's axis: {100 * lost.mean():.1f} %; of these "
+          f"{100 * (off[lost] > 0.5 * gap[lost]).mean():.0f} % lie off the middle of the surface itself")  # fmt: skip
     found = distances(curves, surface, turn, shift)
     for b in curves.branches:
         d = 1e3 * found[b.name]
         where = b.curve.position(np.linspace(0, b.length, len(d)))[d.argmax()] @ turn.T + shift
-        print(f"{b.name:6s} {1e3 * b.length:6.1f} mm long, radius "
-              f"{1e3 * np.median(b.radius(np.linspace(0, b.length, 50))):5.2f} mm: "
-              f"median {np.median(d):5.2f}, 95 % {np.quantile(d, 0.95):5.2f}, most {d.max():5.2f} mm at "
-              f"{(1e3 * where).round(1)}")  # fmt: skip
+        radius = 1e3 * np.median(b.radius(np.linspace(0, b.length, 50)))
+        print(
+            f"{b.name:6s} {1e3 * b.length:6.1f} mm long, radius {radius:5.2f} mm: "
+            f"median {np.median(d):5.2f}, 95 % {np.quantile(d, 0.95):5.2f}, most {d.max():5.2f} mm "
+            f"at {(1e3 * where).round(1)}"
+        )
     whole = 1e3 * np.concatenate(list(found.values()))
     print(
         f"all: median {np.median(whole):.2f} mm, 95 % {np.quantile(whole, 0.95):.2f}, within 2 mm "

@@ -60,6 +60,11 @@ def test_a_torus_has_the_exact_distance():
     near = exact > -6e-3
     distance, gradient = ring.wall_distance_and_gradient(xyz[near])
     assert np.abs(distance - exact[near]).max() < 1e-6  # the spline's own error
+    middle = 0.05 * xyz[near] / np.hypot(*xyz[near, :2].T)[:, None] * [1, 1, 0]
+    inward = middle - xyz[near]
+    off = np.linalg.norm(inward, axis=1)
+    aside = off > 1e-4  # on the axis itself the gradient has no direction
+    assert np.abs(gradient - inward / off[:, None])[aside].max() < 0.02
     assert np.abs(np.linalg.norm(gradient, axis=1) - 1).max() < 1e-9
     assert ring.leaves == ()
 

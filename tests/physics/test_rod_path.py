@@ -2,11 +2,12 @@
 
 import math
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from magwire_env.physics import DipoleCloud, FreeRod, NotConverged
+from magwire_env.physics import DipoleCloud, FreeRod, NotConverged, Profile
 from magwire_env.validation.magnets import BLOCK, TIP
 from magwire_env.validation.rods import (
     LENGTH,
@@ -143,6 +144,8 @@ def test_an_unreachable_tolerance_is_said():
     [
         (lambda: FreeRod("wire", TIP), "FreeRod.wire must be a wire"),
         (lambda: FreeRod(make_rod(4).wire, 0.01), "FreeRod.tip must be a tip"),
+        (lambda: FreeRod(replace(make_rod(4).wire, bending=Profile.steps((1.0, 1e-5))), TIP), "Guidewire.bending"),
+        (lambda: FreeRod(replace(make_rod(4).wire, curl=20.0, twisting=1e-5), TIP), "Guidewire.curl"),
         (lambda: make_rod(4, gravity=(0, 0)), r"FreeRod.gravity must be 3 finite numbers \(in m/s²\)"),
         (lambda: make_rod(4, contact=0), r"FreeRod.contact must be greater than 0 \(in m\), got 0"),
         (lambda: make_rod(4, tolerance=-1), "FreeRod.tolerance must be greater than 0"),

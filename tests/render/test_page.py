@@ -112,6 +112,22 @@ def test_a_click_on_the_map(page):
     assert page.now.tip_arclength == pytest.approx(0.4, abs=2e-3)
 
 
+def test_the_map_shows_the_way_that_was_come(page):
+    page.choose_policy("MaxForce")
+    page.play(True)
+    for _ in range(30):
+        page.update(0.1)
+    drawn = np.asarray(page.scene.board._path.points)
+    assert len(drawn) >= 25
+    assert np.allclose(drawn[1:, 0], drawn[:-1, 1])  # each piece begins where the last one ended
+    assert drawn[-1, 1, 0] - drawn[0, 0, 0] > 0.05 * page.scene.board.width  # to the right: the tip went on
+    page.play(False)
+    page.reset()
+    page.update(0.0)
+    assert len(page.scene.board._path.points) == 1
+    assert not np.asarray(page.scene.board._path.points).any()
+
+
 def test_a_policy_that_does_not_fit_says_so():
     page = make()
     page.policies["odd"] = lambda env: (_ for _ in ()).throw(ValueError("of another shape"))

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from magwire_env.compiled import kernel
 from magwire_env.lumen.named import circle, helix, paper_spiral, straight
 from magwire_env.simulation.centreline import COURSE, ahead, snap, tables
-from magwire_env.simulation.compiled import kernel
 from magwire_env.simulation.lanes import LANES, load
 from magwire_env.simulation.vectors import store3
 

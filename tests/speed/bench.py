@@ -17,17 +17,25 @@ from tests.speed import cold, rates, scaling, stages
 from tests.speed.accuracy import references
 
 DOCS = Path(__file__).parents[2] / "docs"
-BEGIN, END = "<!-- printed by tests.speed.bench -->", "<!-- end -->"
+BEGIN, END = "<!-- printed by tests.speed.bench on {} -->", "<!-- end -->"
+
+
+def processor() -> str:
+    """The processor's name, with its widest vectors."""
+    name, flags = platform.processor() or platform.machine(), set[str]()
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        name = next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
+        flags = set(next((line.split(":")[1].split() for line in lines if line.startswith("flags")), ()))
+    except (OSError, StopIteration):
+        pass
+    widest = next((word for flag, word in (("avx512f", " (AVX-512)"), ("avx2", " (AVX2)")) if flag in flags), "")
+    return name + widest
 
 
 def machine() -> str:
     """Processor and how busy it was."""
-    name = platform.processor() or platform.machine()
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        name = next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
-    except OSError:
-        pass
+    name = processor()
     load = f", load average {os.getloadavg()[0]:.2f} before the run" if hasattr(os, "getloadavg") else ""
     return f"{os.cpu_count()} cores of {name}, Python {platform.python_version()}{load}."
 
@@ -67,9 +75,21 @@ def main() -> None:
         print(f"\n{printed[-1]}\n\n({time.perf_counter() - start:.0f} s)", flush=True)
     if options.write:
         page = DOCS / "speed.md"
-        before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
-        after = rest.partition(END)[2]
-        page.write_text(f"{before}{BEGIN}\n\n" + "\n\n".join(printed) + f"\n\n{END}{after}", encoding="utf-8")
+        text = with_tables(page.read_text(encoding="utf-8"), processor(), "\n\n".join(printed))
+        page.write_text(text, encoding="utf-8")
+
+
+def with_tables(page: str, name: str, tables: str) -> str:
+    """The page with a processor's tables in place of those it had, or behind those of the others."""
+    begin = BEGIN.format(name)
+    block = f"{begin}\n\n## On {name}\n\n{tables}\n\n{END}"
+    before, found, rest = page.partition(begin)
+    if found:
+        return before + block + rest.partition(END)[2]
+    before, found, rest = page.rpartition(END)
+    if not found:
+        raise ValueError(f"the page must hold the tables of a processor, up to {END!r}; it has none")
+    return f"{before}{END}\n\n{block}{rest}"
 
 
 if __name__ == "__main__":

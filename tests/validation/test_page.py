@@ -6,11 +6,14 @@ import pytest
 
 from magwire_env.quasistatic.reach import drives, recorded
 from magwire_env.validation import CHECKS, FULL, Row, run
-from magwire_env.validation.page import LONG, REACH, SHORT, reach_tables, verdicts, without_numbers, written
+from magwire_env.validation.page import LONG, REACH, SHORT, UNLOCKED, reach_tables, verdicts, without_numbers, written
 from magwire_env.validation.report import at_most
 
 PAGE = (Path(__file__).parents[2] / "docs/physics.md").read_text(encoding="utf-8")
-SMALL = f"text\n\n{SHORT}\n|---|---|\n| a, 3 of 4 | stale |\n\n{REACH[0]}\nstale\n{REACH[1]}\n\n{LONG}\nstale\n"
+SMALL = (
+    f"text\n\n{SHORT}\n|---|---|\n| a, 3 of 4 | stale |\n\n{REACH[0]}\nstale\n{REACH[1]}\n"
+    f"{UNLOCKED[0]}\nstale\n{UNLOCKED[1]}\n\n{LONG}\nstale\n"
+)
 
 
 def long_lines() -> list[list[str]]:
@@ -57,6 +60,7 @@ def test_the_number_of_rows_that_hold_is_that_of_the_table():
 
 def test_a_page_is_printed_anew(monkeypatch):
     monkeypatch.setattr("magwire_env.validation.page.drives", lambda: ())
+    monkeypatch.setattr("magwire_env.validation.unlocked.crossings", lambda: ())
     rows = [at_most("a, 5 of 6", "mm", 2.0, "theory", 1.5)]
     page = written(SMALL, rows)
     assert "| a, 5 of 6 | 1.5 mm |" in page
@@ -71,9 +75,11 @@ def test_a_page_is_printed_anew(monkeypatch):
     [
         (SMALL.replace(LONG, ""), "page must hold the line"),
         (SMALL.replace(REACH[1], ""), "page must hold the lines"),
+        (SMALL.replace(UNLOCKED[0], ""), "page must hold the lines"),
         (SMALL.replace("a, 3 of 4", "unknown"), "no check prints: 'unknown'"),
     ],
 )
-def test_a_page_without_its_marks_is_refused(page, message):
+def test_a_page_without_its_marks_is_refused(page, message, monkeypatch):
+    monkeypatch.setattr("magwire_env.validation.unlocked.crossings", lambda: ())
     with pytest.raises(ValueError, match=message):
         written(page, [at_most("a, 5 of 6", "mm", 2.0, "theory", 1.5)])

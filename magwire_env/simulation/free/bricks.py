@@ -15,7 +15,7 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
-from ..compiled import kernel
+from ...compiled import kernel
 from ..lanes import (
     _BITS,
     _DOUBLES,
@@ -102,6 +102,10 @@ def depth_in_bricks(grid, par, x):
     return depth, (where(here, -gx * inv, 0.0), where(here, -gy * inv, 0.0), where(here, -gz * inv, 0.0))
 
 
+_TOGETHER = 4096
+"""Bricks that are sampled at a time: it bounds the memory."""
+
+
 class Bricks:
     """The distance φ (m, positive inside) of a wall in bricks.
 
@@ -131,17 +135,25 @@ class Bricks:
         near = (middle < inside + reach) & (middle > -outside - reach)
         self.index = np.where(middle > 0.0, INSIDE, OUTSIDE)
         self.index[near] = np.arange(near.sum())
-        # Samples at the cells' centres, one more all round than the coefficients.
-        k = np.arange(-2, CELLS + 2) + 0.5
-        offsets = np.stack(np.meshgrid(k, k, k, indexing="ij"), axis=-1).reshape(-1, 3) * cell
+        # Samples at the cells' centres, one more all round than the coefficients; neighbouring bricks share most.
+        k = np.arange(-2, CELLS + 2)
+        offsets = np.stack(np.meshgrid(k, k, k, indexing="ij"), axis=-1).reshape(-1, 3)
         self.coefficients = np.empty((int(near.sum()), KEPT**3), dtype=np.float32)
-        corners = low + box[near] * edge
-        for i in range(0, len(corners), 256):
-            part = corners[i : i + 256]
-            values = _chunked(phi, (part[:, None] + offsets).reshape(-1, 3)).reshape(-1, 8, 8, 8)
+        corners = CELLS * box[near]
+        for i in range(0, len(corners), _TOGETHER):
+            cells = (corners[i : i + _TOGETHER, None] + offsets).reshape(-1, 3)
+            values = self._sampled(phi, cells).reshape(-1, 8, 8, 8)
             for axis in (1, 2, 3):
                 values = _quasi_interpolated(values, axis)
-            self.coefficients[i : i + 256] = values.reshape(len(part), -1)
+            self.coefficients[i : i + _TOGETHER] = values.reshape(len(values), -1)
+
+    def _sampled(self, phi: Callable[[np.ndarray], np.ndarray], cells: np.ndarray) -> np.ndarray:
+        """φ at the centres of cells (n, 3), each asked for once: (n,) m."""
+        shape = CELLS * np.array(self.shape) + 4
+        keys = np.ravel_multi_index(tuple((cells + 2).T), tuple(shape))
+        once, which = np.unique(keys, return_inverse=True)
+        at = np.stack(np.unravel_index(once, tuple(shape)), axis=1) - 2
+        return _chunked(phi, self.origin + (at + 0.5) * self.cell)[which]
 
     @classmethod
     def of(cls, origin: np.ndarray, cell: float, index: np.ndarray, coefficients: np.ndarray) -> Bricks:

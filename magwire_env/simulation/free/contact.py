@@ -9,7 +9,7 @@ A wire of radius r is in contact where r > Ï†. The wall pushes back with k (r âˆ
 
 from __future__ import annotations
 
-from ..compiled import inlined, kernel
+from ...compiled import inlined, kernel
 from ..lanes import (
     LANES,
     anywhere,

@@ -9,7 +9,7 @@ fixed direction, that is, one with p = 0.
 
 from __future__ import annotations
 
-from ..compiled import inlined
+from ...compiled import inlined
 from ..lanes import absolute, maximum, reciprocal, sin_cos, sqrt, where
 from .vectors import (
     add,

@@ -6,7 +6,7 @@ of b–c. Names of two letters are the Hessian's blocks, g… the right-hand sid
 
 from __future__ import annotations
 
-from ..compiled import inlined
+from ...compiled import inlined
 from ..lanes import LANES, reciprocal, store
 from .layout import RIGHT, S1, S2, S3, SPIN_RIGHT, U1, U2, W1, W2
 from .vectors import (

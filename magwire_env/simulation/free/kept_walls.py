@@ -20,7 +20,7 @@ from .bricks import Bricks
 
 __all__ = ["digest_of", "kept"]
 
-_VERSION = b"bricks 1"
+_VERSION = b"bricks 2"
 """Changes when the numbers in a file mean something else, or are made otherwise."""
 
 _MOST = 128

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..compiled import inlined, kernel
+from ...compiled import inlined, kernel
 from ..lanes import LANES, load, row, rsqrt, sin_cos, spread, store
 from .vectors import apply9, back9, dot, load3, plus, store3, sub, times, zero3, zero6
 

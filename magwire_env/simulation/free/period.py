@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...compiled import inlined, kernel
 from ..centreline import curve_at
-from ..compiled import inlined, kernel
 from ..lanes import LANES, absolute, load, maximum, minimum, row, rsqrt, spread, sqrt, store, where
 from ..magnetics import Magnetics, rig_pull
 from ..readout import OF_STATE, ROW

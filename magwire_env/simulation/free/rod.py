@@ -18,7 +18,7 @@ gradient is the force on the feed: the thrust less M²/2EI, with which a bent ro
 
 from __future__ import annotations
 
-from ..compiled import inlined, kernel
+from ...compiled import inlined, kernel
 from ..lanes import LANES, absolute, anywhere, load, maximum, minimum, reciprocal, rsqrt, spread, store, where
 from . import layout as at
 from .contact import touch
@@ -155,6 +155,7 @@ def evaluate(
     fed, slow = load(par, at.FED) > 0.5, load(par, at.STICK) * h
     friction, spacing = load(par, at.FRICTION), load(par, at.SPACING)
     wall = load(par, at.WALL) * (1.0 / points)
+    loose = where(fed | (load(par, at.BASE_CLAMPED) > 0.0), 0.0, 0.5)  # a base that nothing holds touches the wall
     cell = load(lane, at.CELL) + alpha * load(lane, at.CELL_MOVE)
     old, new, worst, decrement, pressed = zero, zero, zero, zero, zero
 
@@ -261,7 +262,7 @@ def evaluate(
             a = k / points
             weight = rest
             if k == 0:
-                weight = where(begins, 0.0, 0.5 * (rest_below + rest))
+                weight = where(begins, loose * rest, 0.5 * (rest_below + rest))
             t_old, t_new, force, g, hx, g_spin, h_spin, x_spin = touch(
                 table, grid, par, foot, (i * points + k) * at.FOOT_STRIDE, (i * points + k) * at.LOAD_STRIDE, loads,
                 plus(xb, a, e), plus(start_b, a, start_e), w, radius, spun, away * weight, friction, slow, spacing,

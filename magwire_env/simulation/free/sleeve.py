@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from ..compiled import kernel
+from ...compiled import kernel
 from ..lanes import LANES
 from . import layout as at
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from ..compiled import inlined, kernel
+from ...compiled import inlined, kernel
 from ..lanes import LANES, absolute, anywhere, floor, load, maximum, minimum, reciprocal, rsqrt, spread, store, where
 from . import layout as at
 from .elements import transported, turned
@@ -31,6 +31,9 @@ NOISE, LEAST_MOVE = 1e-13, 1e-9
 
 HIDDEN, NEARER = 1e-11, 0.25
 """Share of the potential that rounding may hide, and what must be left of the Newton decrement where it does."""
+
+MOST_SHRINK = 0.8
+"""Share of its length that the cell may lose in one move: the energy of a cell of negative length has no minimum."""
 
 HUGE = 1e300
 REFUSED = 1e3
@@ -103,6 +106,7 @@ def next_cell(finish, again, begin, par, lane, h_old, h_new):
     store(lane, at.CELL_SPEED, speed)
     store(lane, at.CELL_START, where(begin, cell, start))
     guess = where(fed, h_new * speed * load(par, at.MEMORY), 0.0)
+    guess = maximum(guess, -MOST_SHRINK * cell)
     store(lane, at.CELL_MOVE, where(begin, guess, where(finish | again, 0.0, move)))
 
 
@@ -145,6 +149,12 @@ def actuate(again, begin, par, lane, dofs, is_turn, q, command, h):
         m = plus(m, -dot(m, t), t)
         store3(lane, at.BASE_MX, times(rsqrt(dot(m, m)), m))
         store(lane, at.SPUN, goal)
+
+
+@inlined
+def cell_room(cell, move):
+    """The share of its move that leaves the cell a part of its length: one shorter than nothing has no energy."""
+    return where(move < 0.0, MOST_SHRINK * cell * reciprocal(maximum(-move, 1e-12)), 1.0)
 
 
 @inlined
@@ -221,6 +231,7 @@ def run_block(
         most = maximum(most, absolute(cell_move))
         store(lane, at.SLOPE, where(taken, -decrement, load(lane, at.SLOPE)))
         cut = minimum(one, load(par, at.MOST_MOVE) * reciprocal(maximum(most, 1e-12)))
+        cut = minimum(cut, cell_room(load(lane, at.CELL), cell_move))
         store(lane, at.ALPHA, where(taken, cut, shorter))
         # What comes next.
         done = balanced | (taken & (most <= load(par, at.MOVE_TOLERANCE)))

@@ -5,7 +5,7 @@ A vector is (x, y, z); a symmetric matrix (xx, xy, xz, yy, yz, zz); a matrix its
 
 from __future__ import annotations
 
-from ..compiled import inlined
+from ...compiled import inlined
 from ..lanes import LANES, load, maximum, reciprocal, spread, store, where
 
 

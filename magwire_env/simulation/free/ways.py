@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...compiled import kernel
 from ...lumen.tube_kernels import KEPT, deepest
 from ..centreline import COURSE, curve_at
-from ..compiled import kernel
 
 __all__ = ["Ways", "ahead", "astray", "carry", "lay", "place_of", "remaining", "route_place"]
 

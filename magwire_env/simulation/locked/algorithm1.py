@@ -26,8 +26,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...compiled import inlined, kernel
 from ..centreline import COURSE, snap
-from ..compiled import inlined, kernel
 from ..lanes import LANES, absolute, anywhere, load, maximum, reciprocal, row, rsqrt, spread, sqrt, store, where
 from ..magnetics import Magnetics, rig_pull
 from ..readout import OF_STATE, ROW

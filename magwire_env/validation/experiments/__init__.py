@@ -3,7 +3,7 @@
 The data are read from where the user has them; none are shipped.
 """
 
-from . import continuum_robot, loops
+from . import continuum_robot, helices, loops, turning
 from .report import Experiment, Outcome
 
 __all__ = ["EXPERIMENTS", "Experiment", "Outcome"]
@@ -11,6 +11,14 @@ __all__ = ["EXPERIMENTS", "Experiment", "Outcome"]
 EXPERIMENTS: dict[str, Experiment] = {
     e.name: e
     for e in (
+        Experiment(
+            "helices",
+            "clamped helices that buckle (E1)",
+            "e1_helix_buckling.csv",
+            "measurements of Tong, Borum, Jawed (arXiv 2112.09208; StructuresComp/Helix_Bifurcation_Types), with the "
+            "columns c1, c2, kL_measured, jump (1 or 0) and kL_theory",
+            helices.run,
+        ),
         Experiment(
             "continuum_robot",
             "tip of a magnetic continuum robot in the open (E2)",
@@ -27,6 +35,7 @@ EXPERIMENTS: dict[str, Experiment] = {
             "x and y in mm, y down, from the near clamp",
             loops.run,
         ),
+        Experiment("turning", "turning while pushing (E6)", "", turning.SOURCE, turning.run),
     )
 }
 """By name."""

@@ -44,8 +44,8 @@ class Outcome:
 class Experiment:
     """A measurement by others that our models are held against.
 
+    data, source : name of its file, and where it comes from; without a name it needs none
     run : (the data's file) → `Outcome`
-    data : name of its file, and where it comes from
     """
 
     name: str
@@ -57,7 +57,7 @@ class Experiment:
     def __call__(self, data: Path) -> Outcome:
         """Run it on a file, or on the file of its name in a folder. `FileNotFoundError` says what to fetch."""
         file = data / self.data if data.is_dir() else data
-        if not file.is_file():
+        if self.data and not file.is_file():
             raise FileNotFoundError(f"{file} is missing: the experiment {self.name!r} reads {self.data}, {self.source}")
         return self.run(file)
 

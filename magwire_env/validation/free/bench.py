@@ -9,7 +9,7 @@ import numpy as np
 from ...simulation.free.wires import FreeWires, Pieces, carried
 from ..report import Row
 
-__all__ = ["clamped", "come_to_rest", "energy", "spun", "straight", "threshold", "tip_angle"]
+__all__ = ["clamped", "come_to_rest", "energy", "growth", "spun", "straight", "threshold", "tip_angle"]
 
 
 def straight(segments: int, length: float = 1.0, bending: float = 1.0, axial: float = 1e5, **more: Any) -> Pieces:
@@ -74,13 +74,20 @@ def threshold(
     ]
 
 
+REST = 1e-10
+"""m/s; see `growth`."""
+
+
 def growth(wires: FreeWires, first: int, second: int) -> np.ndarray:
-    """Growth of the root mean square speed, as a logarithm a period, (n,), between two counts of periods."""
+    """Growth of the root mean square speed, as a logarithm a period, (n,), between two counts of periods.
+
+    Speeds below `REST` count as `REST`: what is left of them is rounding, which neither grows nor dies.
+    """
     sizes = []
     for k in range(second):
         wires.step()
         if k + 1 in (first, second):
-            sizes.append(np.sqrt((wires.velocities**2).mean(axis=(1, 2))))
+            sizes.append(np.maximum(np.sqrt((wires.velocities**2).mean(axis=(1, 2))), REST))
     return np.log(sizes[1] / sizes[0]) / (second - first)
 
 

@@ -245,21 +245,21 @@ def sliding(_: Size) -> list[Row]:
     return rows
 
 
-def turning_while_pushing(_: Size) -> list[Row]:
-    """F20: a wire turned about itself while it is pushed along a tube: its axial friction is ζ μ n.
+def turned_and_pushed(ratios: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Axial friction and normal force, N, each (n,), of wires pushed along a tube and turned at Rω = `ratios` v, μ 0.3.
 
-    Its side friction lets it climb the tube until its weight holds it back.
+    Their side friction lets them climb the tube until their weight holds them back.
     """
-    ratios, speed, radius, friction = np.array([0.0, 1.0, 2.0, math.sqrt(24)]), 0.02, 1e-3, 0.3
+    n, speed, radius = len(ratios), 0.02, 1e-3
     pieces = straight(20, 1.0, 1.0, 1e5, twisting=10.0, radius=radius, mass=0.1)
-    wires = lying(pieces, 4, 5e-3, True, 2e-3)
-    wires.par("FRICTION", friction)
+    wires = lying(pieces, n, 5e-3, True, 2e-3)
+    wires.par("FRICTION", RUBBING)
     wires.par("BASE_CLAMPED", 1.0)
     wires.par("BASE_Z", wires.positions[:, 0, 2])
     wires.hold([0], "X")
-    wires.par("TWIST_SPEED", ratios * speed / radius)
+    wires.par("TWIST_SPEED", np.asarray(ratios) * speed / radius)
     wires.lane_field("TWIST_WANT", 1e9)
-    drawn = np.zeros((4, wires.nodes, 3))
+    drawn = np.zeros((n, wires.nodes, 3))
     axial, normal = [], []
     for k in range(100):
         drawn[:] = wires.velocities
@@ -268,9 +268,19 @@ def turning_while_pushing(_: Size) -> list[Row]:
         wires.step()
         if k >= 50:
             wires.refresh()
-            axial.append(wires.gradient[:4, 0, 0])
+            axial.append(wires.gradient[:n, 0, 0].copy())
             normal.append(wires.lane("SUM_WALL") / (10 * 64))
-    ours = np.mean(axial, axis=0) / (friction * np.mean(normal, axis=0))
+    return np.mean(axial, axis=0), np.mean(normal, axis=0)
+
+
+RUBBING = 0.3
+"""Friction coefficient of `turned_and_pushed`."""
+
+
+def turning_while_pushing(_: Size) -> list[Row]:
+    """F20: a wire turned about itself while it is pushed along a tube: its axial friction is ζ μ n."""
+    ratios = np.array([0.0, 1.0, 2.0, math.sqrt(24)])
+    axial, normal = turned_and_pushed(ratios)
     return [
         Row(
             f"F20 turned while pushed, Rω/v = {ratio:.4g}: axial friction/μ n",
@@ -280,7 +290,7 @@ def turning_while_pushing(_: Size) -> list[Row]:
             float(zeta),
             5e-3,
         )
-        for ratio, zeta in zip(ratios, ours, strict=True)
+        for ratio, zeta in zip(ratios, axial / (RUBBING * normal), strict=True)
     ]
 
 

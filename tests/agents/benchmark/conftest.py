@@ -19,7 +19,7 @@ from agents.evaluation.robustness import DISTURBANCES
 
 N = 40
 PLAN = Plan(
-    (Arena("Steer", "MagWire/Steer-v0", episodes=N), Arena("Track", "MagWire/Track-v0", episodes=N)),
+    (Arena("Steer", "MagWire/Steer-v1", episodes=N), Arena("Track", "MagWire/Track-v0", episodes=N)),
     (Learner("ppo", ("Steer",), 3), Learner("sac", ("Steer",), 2)),
     robustness={"Steer": ("MaxForce",)},
 )

@@ -20,7 +20,7 @@ def test_the_aggregates_are_those_of_the_cells(data):
     assert (entry["seeds"], entry["seeds_planned"]) == (3, 3)
     assert entry["success"] == pytest.approx(1 - 4 / 120, rel=1e-4)
     assert entry["success_of_seeds"] == [1.0, 1.0, 0.9]
-    assert entry["score_mean"] == pytest.approx(1 - 4 / 120, rel=1e-4)
+    assert entry["score"][0] == pytest.approx(1 - 4 / 120, rel=1e-4)
     bracket = next(a for a in data["arenas"] if a["name"] == "Steer")["bracket"]
     assert bracket["gap"] == pytest.approx(1 / 0.98 - 1, rel=1e-4)
     assert _entry(data, "Track", "MaxForce")["rms_error_mm"] == [1.25, 1.25, 1.25]

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import gzip
+import json
+
 import numpy as np
 import pytest
 
+from agents.benchmark.aggregates import collect, episode_records
 from agents.benchmark.cells import make
 from agents.benchmark.plan import Arena, Cell, Learner
+from agents.benchmark.report import write
 from agents.catalogue import CONTROLLERS
 from agents.controllers import MaxForce
 from agents.evaluation.evaluator import Episodes, evaluate
@@ -78,3 +83,24 @@ def test_training_then_playing(tmp_path):
     assert make(plan, training, tmp_path)["resumed"] is True
     # Another training is another model to play with.
     assert small(STEER, learners=plan.learners, timesteps=8192).state(playing, tmp_path) == "outdated"
+
+
+def test_every_score_can_be_computed_again_from_the_stored_episodes(tmp_path):
+    plan = small(STEER)
+    for cell in (Cell("evaluate", "Steer", "MaxForce"), Cell("evaluate", "Steer", "HoldHome")):
+        make(plan, cell, tmp_path)
+    stored = episode_records(plan, tmp_path)
+    assert list(stored) == ["evaluate Steer MaxForce", "evaluate Steer HoldHome"]
+    write(collect(plan, tmp_path), tmp_path / "docs", episodes=stored)
+    packed = gzip.decompress((tmp_path / "docs" / "benchmark_episodes.json.gz").read_bytes())
+    again = Episodes.from_json(json.loads(packed)["evaluate Steer MaxForce"])
+    assert again.time == pytest.approx(evaluate(MaxForce.from_env, STEER.task, STEER.episodes).time)
+    assert "benchmark_episodes.json.gz" in (tmp_path / "docs" / "benchmark.md").read_text()
+
+
+def test_a_cell_is_outdated_when_the_code_it_stands_on_has_changed(tmp_path, monkeypatch):
+    plan, cell = small(STEER), Cell("evaluate", "Steer", "HoldHome")
+    make(plan, cell, tmp_path)
+    assert plan.state(cell, tmp_path) == "finished"
+    monkeypatch.setattr("agents.benchmark.plan.code_digest", lambda: "other")
+    assert plan.state(cell, tmp_path) == "outdated"

@@ -22,7 +22,7 @@ def test_the_command_evaluates_a_controller_and_a_model(run, tmp_path, capsys):
     [
         (
             ["evaluate", "NoSuch"],
-            "folder, an SB3 .zip, module:thing or one of MaxForce",
+            "folder, trained/…, an SB3 .zip, module:thing or one of MaxForce",
         ),
         (["evaluate", "MaxForce", "--episodes", "0"], "episodes must be a whole number of at least 1"),
         (["evaluate", "MaxForce", "--scenario", "missing"], "no shipped scenario of that name"),

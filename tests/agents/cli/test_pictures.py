@@ -57,7 +57,7 @@ def test_plot_and_video_of_a_run(drawn, tmp_path, capsys):
 
 def test_what_cannot_be_filmed_is_refused(tmp_path):
     for arguments, words in (
-        (["nobody"], "policy must be a run's or policy's folder, an SB3 .zip, module:thing or one of"),
+        (["nobody"], "policy must be a run's or policy's folder, trained/…, an SB3 .zip, module:thing or one of"),
         (["MaxForce", "--out", str(tmp_path / "a.avi")], "must end in .mp4 or .gif"),
         (["MaxForce", "--out", str(tmp_path / "a.gif"), "--speed", "0"], "speed must be positive"),
     ):

@@ -59,12 +59,12 @@ def test_it_lasts_through_the_episode_and_leaves_the_model_alone():
     env = make_batch(ID, 2, {})
     core = env.unwrapped.core
     controller = NetForce.from_env(env)
-    known = controller._commands.copy()
+    known = controller._ways[0]._commands.copy()
     strength = core.sim.rig.magnetics[1].copy()
     evaluate(controller, ID, 2, env=env, disturb=BY_NAME["remanence +10 %"].apply)
     assert np.abs(core.sim.rig.magnetics[1] - strength).max() > 0
     assert core.sim.library.scenarios == (Scenario.paper(),)
-    assert np.array_equal(NetForce.from_env(env)._commands, known)
+    assert np.array_equal(NetForce.from_env(env)._ways[0]._commands, known)
     # What a rollout expects is still what the nominal scenario would do.
     state = core.sim.state()
     plan = np.full((1, 3, 1), 3.0)

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from scipy.stats import trim_mean
 
-from agents.evaluation.statistics import interquartile_mean, interval, median, performance_profile, stratified_bootstrap
+from agents.evaluation.statistics import (
+    interquartile_mean,
+    interval,
+    mean,
+    median,
+    performance_profile,
+    stratified_bootstrap,
+)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 8, 11, 40])
@@ -69,3 +76,12 @@ def test_the_performance_profile_is_one_less_the_distribution():
     assert performance_profile(scores, np.array([-0.1, 0.0, 0.4, 0.5, 1.0])).tolist() == [1.0, 0.75, 0.75, 0.5, 0.0]
     both = performance_profile(np.stack([scores, scores + 1.0]), np.array([0.5]))
     assert both.tolist() == [[0.5], [1.0]]
+
+
+def test_an_interval_over_training_seeds_is_as_wide_as_the_seeds_differ():
+    seeds = [np.full(200, level) for level in (0.6, 0.7, 0.8, 0.9, 1.0)]
+    assert interval(seeds, mean) == pytest.approx((0.8, 0.8, 0.8))  # episodes alone: no spread within a seed
+    value, low, high = interval(seeds, mean, whole_groups=True)
+    assert value == pytest.approx(0.8)
+    assert low == pytest.approx(0.8 - 1.96 * np.std([0.6, 0.7, 0.8, 0.9, 1.0]) / np.sqrt(5), abs=0.02)
+    assert high == pytest.approx(1.6 - low, abs=0.02)

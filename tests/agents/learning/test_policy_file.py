@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import subprocess
@@ -21,6 +22,7 @@ from agents.learning.plain_policy import PlainPolicy
 from agents.learning.policy_file import read, write
 from agents.learning.sb3 import NativeVecEnv, make_model, make_vec_env
 from agents.learning.scenario_copy import text_for
+from agents.learning.untrained import untrained
 from magwire_env import Scenario
 
 ID = "MagWire/Steer-v0"
@@ -144,6 +146,16 @@ def test_a_policy_refuses_what_it_was_not_trained_on(pair):
 
 
 # --- the scenario inside ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("task", ["MagWire/Steer-v1", "MagWire/Reach-v1"])
+def test_a_policy_fits_the_task_that_it_was_trained_on_as_registered(task):
+    env = gym.make(task)
+    policy = untrained(env)
+    policy.about = dataclasses.replace(policy.about, env={})  # as a run has it that changes nothing
+    assert policy.misfit(env) == ""
+    other = "angle" if env.unwrapped.core.actuation.mode == "rate" else "rate"
+    assert f"(action_mode '{other}')" in policy.misfit(gym.make(task, action_mode=other))
 
 
 def test_the_scenario_goes_with_the_policy(tmp_path):

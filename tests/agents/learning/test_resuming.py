@@ -25,7 +25,7 @@ from magwire_env import Scenario
 from magwire_env.scenario import Reading
 
 ROOT = Path(__file__).parents[3]
-TINY = {"n_envs": 8, "evaluations": 2, "episodes": 2, "progress": False}
+TINY = {"task": "MagWire/Steer-v0", "n_envs": 8, "evaluations": 2, "episodes": 2, "progress": False}
 SMALL_NET = {"policy_kwargs": {"net_arch": [8, 8]}}
 ON_POLICY = SMALL_NET | {"n_steps": 16, "batch_size": 64, "n_epochs": 2}
 OFF_POLICY = SMALL_NET | {"learning_starts": 64, "batch_size": 32, "gradient_steps": 2, "buffer_size": 400}

@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from agents.catalogue import FLOORS
 from agents.cli.train import train
 from agents.learning import load
 from agents.learning.config import Config
@@ -32,7 +33,7 @@ def test_a_run_leaves_everything_behind(run):
     for place in ("best", "last"):
         assert {"policy.json", "policy.safetensors", "policy.onnx"} <= {p.name for p in (checkpoint / place).iterdir()}
     assert json.loads((folder / "results.json").read_text()) == results
-    assert set(results) == {"trained PPO", "MaxForce", "ConstantRotation", "Random"}
+    assert set(results) == {"trained PPO", "MaxForce", *FLOORS}
     assert json.loads((folder / "config.json").read_text())["config"]["seed"] == 0
     assert "torch" in json.loads((folder / "versions.json").read_text())
     assert (folder / "learning_curve.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
@@ -86,7 +87,7 @@ def test_what_is_for_training_alone_reaches_no_evaluation(tmp_path):
 
 
 def test_generated_tasks_choose_their_model_on_tracts_of_neither_training_nor_test(tmp_path):
-    config = Config(run=tmp_path / "r", task="MagWire/SteerAny-v0", **SMALL)
+    config = Config(run=tmp_path / "r", **SMALL | {"task": "MagWire/SteerAny-v0"})
     run = Run.open(config, {"env": {"pool_size": 2}})
     chosen_on = set(run.validation["scenario"])
     for split in ("train", "test"):

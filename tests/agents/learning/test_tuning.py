@@ -9,12 +9,12 @@ from agents.cli.main import main as magwire
 from agents.learning.hyperparameters import hyperparameters
 from agents.learning.tuning import SPACES, tune
 
-ID = "MagWire/Steer-v0"
+ID = "MagWire/Steer-v1"
 
 
 def test_a_study_is_written_with_its_trials(tmp_path):
     magwire(["tune", "--trials", "2", "--timesteps", "1024", "--out", str(tmp_path)])
-    study = yaml.safe_load((tmp_path / "ppo-Steer-v0.yml").read_text())
+    study = yaml.safe_load((tmp_path / "ppo-Steer-v1.yml").read_text())
     assert [set(t) - {"value", "seconds"} for t in study["trials"]] == [set(SPACES["ppo"])] * 2
     given = hyperparameters("ppo", ID)
     first = study["trials"][0]

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 import magwire_env  # noqa: F401  (registers the ids)
+from agents.controllers import MaxForce, NetForce
+from agents.evaluation.evaluator import evaluate
 from agents.par.bound import Fastest, least_time
 from agents.par.bracket import least_times
 from agents.par.planner import best_plans
+from agents.par.starts import Starts
 from agents.par.trials import Trials
 from magwire_env import Scenario
 from magwire_env.quasistatic.pool import scenario_pool
@@ -70,3 +74,17 @@ def test_bad_ways_are_named():
     ):
         with pytest.raises(ValueError, match=name):
             least_time(Scenario.paper(), *arguments)
+
+
+def test_no_ride_is_faster_than_the_bound_on_random_marginal_scenarios():
+    """Friction up to where the certificate says "blocked": smoothed friction still lets the tip creep on."""
+    rng = np.random.default_rng(4)
+    scenarios = [Scenario.paper().replace(contact__friction=mu) for mu in rng.uniform(0.12, 0.2, 8)]
+    envs = gym.make_vec("MagWire/Steer-v0", num_envs=8, scenario=scenarios, time_limit=120.0)
+    envs.reset(seed=3)
+    starts = Starts.of(envs.unwrapped.core, np.arange(8))
+    least = least_times(starts)
+    assert np.isfinite(least).all()
+    for policy in (NetForce, MaxForce):
+        found = evaluate(policy.from_env, "MagWire/Steer-v0", 8, seed=3, env=envs)
+        assert (found.time[found.success] >= least[found.success]).all()

@@ -11,7 +11,7 @@ import pytest
 from magwire_env import Scenario, Simulator
 from magwire_env.lumen.named import straight
 from magwire_env.simulation import Places
-from tests.support.free import fed_fork, paper_free
+from tests.support.free import fed_fork, paper_free, soft_wire
 
 UP = np.pi / 2
 
@@ -49,6 +49,33 @@ def test_laid_wires_are_at_rest_on_the_centreline():
     assert segments == pytest.approx(np.full(segments.shape, scenario.wire.segment_length), abs=1e-12)
     assert sim.wall_force == pytest.approx([0.0, 0.0], abs=1e-12)
     assert sim.tip_velocity.tolist() == [0.0, 0.0]
+
+
+def test_the_free_end_of_a_wire_that_is_not_fed_touches_the_wall():
+    """Its own weight, fifty-fold and more, presses a soft wire on the wall: the last node of it, too."""
+    wire = soft_wire(length=0.1, segments=10)
+    scenario = paper_free(tract=straight(0.4), wire=wire, gravity=(0.0, 0.0, -50.0))
+    sim = Simulator(scenario)
+    sim.reset(tip_arclength=0.2)
+    for _ in range(20):
+        sim.step(sim.magnet)
+    depth = wire.radius - scenario.tree.tubes.distance(sim.positions[0])[0]
+    assert depth[0] == pytest.approx(0.0, abs=5e-6)
+    assert np.linalg.norm(sim.contact_forces[0, 0]) > 1e-4
+    assert depth.max() < 30e-6
+
+
+def test_the_cell_that_is_fed_never_turns_inside_out():
+    """A first guess that would give it a negative length, whose energy falls without end, is cut short."""
+    sim = Simulator(fed_fork())
+    sim.step(sim.magnet)
+    state, kept = sim.state(), sim.model.columns["base"]
+    assert state.wire[0, kept.start + 1] == pytest.approx(5e-3, rel=1e-3)  # the cell's length
+    state.wire[0, kept.start + 3] = -3.0  # m/s, its speed
+    sim.load_state(state)
+    sim.step(sim.magnet)
+    assert sim.inserted_length == pytest.approx([0.04], abs=1e-6)
+    assert sim.unconverged.tolist() == [0]
 
 
 def test_wall_forces_balance_the_magnet_on_a_wire_at_rest():

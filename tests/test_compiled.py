@@ -11,7 +11,7 @@ import pytest
 from numba.core.caching import CompileResultCacheImpl, IndexDataCacheFile
 
 import magwire_env
-from magwire_env.simulation.compiled import _say_once, kernel, source_stamp
+from magwire_env.compiled import _say_once, kernel, source_stamp
 
 PACKAGE = Path(magwire_env.__file__).parent
 
@@ -27,11 +27,11 @@ print(json.dumps([*observation.tolist(), reward, info["wall_force"], info["cost"
 """
 
 
-def run(tree: Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    """`PROGRAM` with the package at `tree`, and its compiled code in the package's own folders."""
+def run(tree: Path, program: str = PROGRAM, **environment: str) -> subprocess.CompletedProcess[str]:
+    """`program` with the package at `tree`, and its compiled code in the package's own folders."""
     clean = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")}
     return subprocess.run(
-        [sys.executable, "-c", PROGRAM], cwd=tree, env={**clean, "PYTHONPATH": str(tree), **environment}, text=True,
+        [sys.executable, "-c", program], cwd=tree, env={**clean, "PYTHONPATH": str(tree), **environment}, text=True,
         capture_output=True, check=False,
     )  # fmt: skip
 
@@ -72,11 +72,29 @@ def test_an_edit_in_another_file_is_compiled(tree: Path) -> None:
     assert numbers(run(tree)) != pytest.approx(first, rel=1e-3)  # the magnet turns no more
 
 
+LUMEN = """
+import numpy as np
+from magwire_env.lumen import LUMENS
+print(LUMENS["fork"]().wall_distance([[-5e-3, 1e-3, 0.0]]).tolist())
+"""
+
+
+def test_an_edit_of_a_lumens_kernel_is_compiled_even_if_file_and_time_look_the_same(tree: Path) -> None:
+    def distance() -> float:
+        return numbers(run(tree, LUMEN))[0]
+
+    assert distance() == pytest.approx(3e-3)  # 4 mm wide, before the inlet
+    kernels = tree / "magwire_env" / "lumen"
+    assert list(kernels.rglob("tube_kernels.deepest*.nbc"))
+    edit(kernels / "tube_kernels.py", "return radius[row, 0] - across, along", "return radius[row, 0] + across, along")
+    assert distance() == pytest.approx(5e-3)
+
+
 def test_damaged_and_unwritable_caches_cost_a_compilation_and_no_error(tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     script = tmp_path / "one.py"
     script.write_text(
-        "from magwire_env.simulation.compiled import kernel\n\n\n@kernel\ndef twice(x):\n    return 2.0 * x\n\n\n"
+        "from magwire_env.compiled import kernel\n\n\n@kernel\ndef twice(x):\n    return 2.0 * x\n\n\n"
         "if __name__ == '__main__':\n    print(twice(21.0))\n",
         encoding="utf-8",
     )
@@ -118,5 +136,6 @@ def test_the_stamp_covers_the_floors_below_and_the_kernels_own_folder(tmp_path: 
     source_stamp.cache_clear()
     (tmp_path / "mine.py").write_text("x = 2\n", encoding="utf-8")
     assert source_stamp(tmp_path) != before
-    assert source_stamp(PACKAGE / "simulation") != source_stamp(PACKAGE / "envs")
+    floors = ("physics", "lumen", "simulation", "envs")
+    assert len({source_stamp(PACKAGE / floor) for floor in floors}) == len(floors)
     source_stamp.cache_clear()

@@ -2,8 +2,9 @@
 
 Numba keeps machine code on disk under a stamp of the file that holds the function. A kernel also depends on the
 functions it calls and the constants it reads, which stand in other files, so an edit there, or an upgrade in place,
-would leave old code in use. The stamp here covers every source file a kernel may depend on: those of the floors below
-the environments, and those beside the kernel itself. The processor's name and features are part of Numba's own key.
+would leave old code in use. The stamp here covers every source file a kernel may depend on: this one, those of the
+kernel's own floor and of the floors below it, and those beside the kernel itself. The processor's name and features
+are part of Numba's own key.
 
 A folder that cannot be written, and a cache file that is damaged, cost a compilation and never an error.
 """
@@ -34,9 +35,9 @@ _FLAGS: dict[str, Any] = {
 """The default error model's check for division by zero would stop vectorisation; plain ``fastmath=True`` would make
 checks for NaN undefined."""
 
-_PACKAGE = Path(__file__).parents[1]
+_PACKAGE = Path(__file__).parent
 _FLOORS = ("physics", "lumen", "scenario", "simulation", "quasistatic")
-"""Folders whose files any kernel may depend on."""
+"""Folders from the ground up: by the import contracts, a kernel depends on its own floor and those below."""
 
 _DAMAGE = (pickle.UnpicklingError, EOFError, OSError, AttributeError, ImportError, IndexError, KeyError, TypeError,
            ValueError, RuntimeError)  # fmt: skip
@@ -51,7 +52,7 @@ def kernel(function: F) -> F:
 
 
 def precise(function: F) -> F:
-    """As `kernel`, but the compiler may not reorder sums: for code off the hot path that must be exact to the bit."""
+    """As `kernel`, but the compiler may not reorder sums: for code that must be exact to the bit."""
     return _cached(function, njit(nogil=True, error_model="numpy")(function))
 
 
@@ -63,9 +64,11 @@ def inlined(function: F) -> F:
 @lru_cache
 def source_stamp(folder: Path) -> str:
     """A digest of every source file that a kernel in `folder` may depend on."""
-    folders = dict.fromkeys([*(_PACKAGE / name for name in _FLOORS), folder])
+    floors = [_PACKAGE / name for name in _FLOORS]
+    own = next((i for i, floor in enumerate(floors) if folder.is_relative_to(floor)), len(floors))
     digest = hashlib.sha256(b"bounds are checked" if vars(config).get("BOUNDSCHECK") else b"")
-    for file in sorted({file for each in folders for file in each.rglob("*.py")}):
+    below = {file for each in (*floors[: own + 1], folder) for file in each.rglob("*.py")}
+    for file in sorted({Path(__file__), *below}):
         digest.update(str(file.relative_to(_PACKAGE) if file.is_relative_to(_PACKAGE) else file).encode())
         digest.update(file.read_bytes())
     return digest.hexdigest()
