@@ -87,7 +87,7 @@ class FollowRoute(_Fed):
     def __init__(
         self,
         env: gym.Env | gym.vector.VectorEnv,
-        look: float = 0.02,
+        look: float = 0.04,
         gain: float = 2.0,
         press: float = 0.4,
         slowest: float = 0.15,
@@ -111,8 +111,16 @@ class FollowRoute(_Fed):
     def feed(self, observation: np.ndarray) -> np.ndarray:
         """The feed (n,), from 1 forwards to −1 backwards."""
         peak = self.seen(observation, "contact")[:, 1] * WALL_SCALE
-        most = np.clip((self._way(observation)[1] - _OFF) / (_ON - _OFF), self.slowest, 1.0)
+        most = np.clip((self._straightness(observation) - _OFF) / (_ON - _OFF), self.slowest, 1.0)
         return np.clip(2.0 - 2.0 * peak / self.press, -1.0, most)
+
+    def _straightness(self, observation: np.ndarray) -> np.ndarray:
+        """The cosine (n,) of the tip's direction with the way to the point steered for, or with the route's direction
+        there: the better of the two, since a tip that lies along the wall of a wide vessel need not be slow."""
+        first = 3 * (len(ROUTE_OFFSETS) + self._look)
+        along = self.seen(observation, "route_from_magnet")[:, first : first + 3]
+        to_point = self._way(observation)[1]
+        return np.maximum(to_point, (along * self.seen(observation, "tip_tangent")).sum(axis=1))
 
     def _way(self, observation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The unit way (n, 3) to the point steered for, and its cosine with the tip's direction (n,)."""

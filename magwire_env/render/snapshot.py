@@ -41,7 +41,7 @@ class Snapshot:
     """One lane at one moment, SI units.
 
     time : s since the episode's start
-    tip_arclength, goal : m along the tract
+    tip_arclength, goal : m from the inlet, along the tract or, of a tree, along the branches
     target, target_way, target_radius : the goal's point (3,) m, the direction of the way there, the lumen's radius, m
     route : (j, 3) m, of a tree the way from the inlet to the goal along centrelines; of a tract none
     nodes : (k, 3) m, tail to tip; what a feed has not pushed out lies straight behind the inlet, a little of it
@@ -98,7 +98,7 @@ def snapshots(core: SteeringCore, lanes: Sequence[int] | None = None) -> list[Sn
         goal = float(goals.s[i])
         out.append(
             Snapshot(
-                scenario, float(sim.time[i]), float(arclength[i]), float(core.goal[i]),
+                scenario, float(sim.time[i]), float(arclength[i]), _way_to(scenario, branch.name, goal),
                 branch.curve.position(goal), branch.curve.tangent(goal), float(branch.radius(goal)),
                 _route(scenario, branch.name, goal), nodes, contact,
                 load, tip[i], tangent[i] / np.linalg.norm(tangent[i]), force[i],
@@ -106,6 +106,12 @@ def snapshots(core: SteeringCore, lanes: Sequence[int] | None = None) -> list[Sn
             )
         )  # fmt: skip
     return out
+
+
+@lru_cache(maxsize=64)
+def _way_to(scenario: Scenario, branch: str, s: float) -> float:
+    """Length of the way from the inlet to a place, m."""
+    return s if len(scenario.tree.branches) == 1 else scenario.tree.length_of((branch, s))
 
 
 @lru_cache(maxsize=64)

@@ -18,6 +18,7 @@ def test_the_route_leads_from_the_inlet_to_the_target_and_is_drawn_along_the_cen
     tree = now.scenario.tree
     assert now.route[0] == pytest.approx(tree.position("inlet"))
     assert now.route[-1] == pytest.approx(now.target)
+    assert now.goal == pytest.approx(tree.length_of("RCCA") - 5e-3)  # from the inlet, as the tip's way
     shown = env.render().astype(int)
     views = env.unwrapped._frames.picture(now.scenario).views
     monkeypatch.setattr(views, "_route", lambda *_: None)
