@@ -20,7 +20,7 @@ import magwire_env
 from magwire_env.envs.task import TASKS, Task
 from magwire_env.physics.checks import whole
 
-from ..catalogue import CONTROLLERS, FLOORS, PAR, REFERENCE, controller, resolve
+from ..catalogue import CONTROLLERS, FLOORS, OF_TREES, PAR, REFERENCE, controller, resolve
 from ..evaluation.episodes import EVALUATION_SEED
 from ..evaluation.robustness import DISTURBANCES
 from ..learning.hyperparameters import hyperparameters
@@ -102,8 +102,11 @@ def _arena_of(task: Task) -> Arena:
     return Arena(name, task.id, split="test", episodes=episodes, controllers=some)
 
 
+_PLAYED = tuple(task for task in TASKS.values() if not task.kind.navigates)
+"""Tasks of the benchmark; navigating ones have other controllers, see `agents.catalogue.IN_TREES`."""
+
 ARENAS: tuple[Arena, ...] = (
-    *map(_arena_of, TASKS.values()),
+    *map(_arena_of, _PLAYED),
     Arena("SteerAny ood", "MagWire/SteerAny-v1", split="ood", models="SteerAny", episodes=100),
     Arena("Chase ood", "MagWire/Chase-v1", split="ood", models="Chase"),
     Arena("hard scenario", "MagWire/Steer-v0", scenario=HARD),
@@ -238,7 +241,7 @@ class Plan:
         """Names of the controllers that play in an arena, without the par."""
         if arena.controllers is not None:
             return [name for name in CONTROLLERS if name in arena.controllers]
-        return [name for name in dict.fromkeys((*CONTROLLERS, *self.extra)) if name != PAR]
+        return [name for name in dict.fromkeys((*CONTROLLERS, *self.extra)) if name not in (PAR, *OF_TREES)]
 
     def plans_online(self, policy: str) -> bool:
         """The policy is a controller that runs the simulator for every decision."""
@@ -278,7 +281,7 @@ class Plan:
             for name in self.robustness.get(arena.name, ()):
                 if name in CONTROLLERS or name in self.trained(arena):
                     cells.append(Cell("robustness", arena.name, name, None if name in CONTROLLERS else 0))
-        for arena in map(_arena_of, TASKS.values()):
+        for arena in map(_arena_of, _PLAYED):
             if any(a.name == arena.name for a in self.arenas):
                 cells += [
                     Cell("decide", arena.name, name) for name in self.controllers(arena) if self.plans_online(name)

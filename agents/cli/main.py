@@ -129,19 +129,20 @@ class Benchmark:
 
 def evaluate(options: Evaluate) -> None:
     """Print a table with the policy beside MaxForce and the par, and write JSON if a file is given."""
-    from agents.catalogue import CONTROLLERS, REFERENCE
+    from agents.catalogue import CONTROLLERS, PAR, compared_with
     from agents.evaluation.evaluator import evaluate, table
 
     own = _entrant(options)
     rows = [evaluate(own.policy, own.task, options.episodes, name=own.name, **own.settings)]
-    for name in (REFERENCE, *_rivals(options)):
+    names = compared_with(own.task, options.par)
+    for name in names:
         if own.name != name:
             policy = CONTROLLERS[name].from_env
             rows.append(evaluate(policy, own.task, options.episodes, name=name, **own.same_episodes))
-    par = next((row for row in rows if row.policy in _rivals(options)), None)
+    par = next((row for row in rows if row.policy == PAR), None)
     if options.out is not None:
         options.out.write_text(json.dumps({r.policy: r.to_json(par) for r in rows}, indent=2), encoding="utf-8")
-    print(table(rows, par=par, markdown=False))
+    print(table(rows, names[0], par=par, markdown=False))
 
 
 def _rivals(options: Evaluate | Robustness) -> tuple[str, ...]:

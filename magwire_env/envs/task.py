@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from ..physics.checks import positive
 from ..quasistatic.certificate import GOAL_MARGIN, START_SPREAD
 from ..scenario import Scenario
+from . import arenas
 from .kinds import KINDS, Kind
+from .navigation import Navigate
 from .rewards import RewardWeights
 
 __all__ = ["DEFAULT_CHANNELS", "TASKS", "RewardWeights", "Task", "known_task", "register_task"]
@@ -76,6 +78,11 @@ _TURNING_ROOM = 0.09
 while the magnet turns round. With the goal 10 mm before the end it coasts out of the tract, where the magnet's pull is
 weak, and `MaxForce`, `NetForce` and `PD` never come back (0 of 20 episodes each)."""
 
+_TREE = (
+    "route_from_magnet", "tip_tangent", "magnet_pose", "tip_points", "contact", "base", "astray", "distance_left",
+)  # fmt: skip
+"""What a policy of a navigating task sees where the task says nothing else."""
+
 TASKS = {
     task.id: task
     for task in (
@@ -118,6 +125,7 @@ TASKS = {
                 ("Dual", "Dual"),
             )
         ),
+        Task("MagWire/Navigate-v0", Navigate(), arenas.arch, time_limit=20.0, observe=_TREE, action_mode="moment"),
     )
 }
 
