@@ -33,8 +33,8 @@ ABOUT = {
 
 
 _VERSIONS = {
-    "MagWire/Steer-v1": "* v1: in and back out, holding the magnet at home passes v0; also shows how the magnet "
-    "stands to the tract ahead\n* v0: first, the way in alone",
+    "MagWire/Steer-v1": "* v1: in and back out, holding the magnet at home passes v0; takes the magnet's direction, "
+    "which has no seam half a turn from home\n* v0: first, the way in alone",
     "MagWire/SteerAny-v1": "* v1: only tracts that no held command crosses; shows how the magnet stands to the "
     "tract ahead, and turns it by rates\n* v0: first",
     "MagWire/Hard-v1": "* v1: first; only tracts that no held command crosses",

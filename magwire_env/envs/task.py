@@ -98,7 +98,7 @@ TASKS = {
             _IN_AND_OUT,
             Scenario.paper,
             goal_margin=_TURNING_ROOM,
-            observe=(*DEFAULT_CHANNELS, "magnet_preview"),
+            action_mode="direction",
         ),
         Task(
             "MagWire/Reach-v1",
