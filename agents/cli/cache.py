@@ -43,10 +43,12 @@ def _stores() -> Iterator[tuple[str, Path, list[Path]]]:
     import magwire_env
     from agents.par.cache import default_folder
     from magwire_env.lumen.loading import kept_lumens
+    from magwire_env.simulation.free.kept_walls import kept_walls
 
     plans = default_folder()
     yield "plans of the par", plans, sorted(plans.glob("??/*.npz"))
     yield "anatomies read", kept_lumens(), sorted(kept_lumens().glob("*.lumen"))
+    yield "walls in bricks", kept_walls(), sorted(kept_walls().glob("*.npz"))
     package = Path(magwire_env.__file__).parent
     own = os.environ.get("NUMBA_CACHE_DIR")
     kernels = Path(own) if own else package

@@ -10,15 +10,15 @@ import hashlib
 import os
 import zipfile
 from collections.abc import Callable
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from ...lumen.lumen import Lumen
+from ...lumen.surface import Surface
 from .bricks import Bricks
 
-__all__ = ["digest_of", "kept"]
+__all__ = ["digest_of", "kept", "kept_walls"]
 
 _VERSION = b"bricks 2"
 """Changes when the numbers in a file mean something else, or are made otherwise."""
@@ -28,12 +28,14 @@ _MOST = 128
 
 
 def digest_of(lumen: Lumen, *numbers: float) -> str:
-    """A digest of a lumen of tubes and of what else its bricks follow from."""
+    """A digest of a lumen of tubes or with a surface, and of what else its bricks follow from."""
     digest = hashlib.sha256(_VERSION)
     for branch, parent in zip(lumen.branches, lumen.parents, strict=True):
         digest.update(np.ascontiguousarray(branch.curve.table).tobytes())
         digest.update(np.ascontiguousarray(branch.radius_table).tobytes())
         digest.update(np.array([parent, branch.start, branch.length]).tobytes())
+    if isinstance(lumen.wall, Surface):
+        digest.update(lumen.wall.digest.encode())
     digest.update(np.array(numbers).tobytes())
     return digest.hexdigest()
 
@@ -53,7 +55,7 @@ class _Kept:
         if digest in cls.walls:
             return cls.walls[digest]
         try:
-            with np.load(_folder() / f"{digest}.npz", allow_pickle=False) as stored:
+            with np.load(kept_walls() / f"{digest}.npz", allow_pickle=False) as stored:
                 found = Bricks.of(stored["origin"], float(stored["cell"]), stored["index"], stored["coefficients"])
         except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
             return None
@@ -61,7 +63,7 @@ class _Kept:
 
     @classmethod
     def put(cls, digest: str, bricks: Bricks) -> Bricks:
-        file = _folder() / f"{digest}.npz"
+        file = kept_walls() / f"{digest}.npz"
         own = file.with_name(f"{digest}.{os.getpid()}.npz")
         shape = np.array(bricks.shape)
         try:
@@ -83,6 +85,6 @@ class _Kept:
         return bricks
 
 
-@lru_cache(maxsize=1)
-def _folder() -> Path:
+def kept_walls() -> Path:
+    """The folder of the walls that are kept: ``$MAGWIRE_CACHE/walls`` or the user's cache."""
     return Path(os.environ.get("MAGWIRE_CACHE") or Path.home() / ".cache" / "magwire") / "walls"

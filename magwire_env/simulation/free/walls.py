@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...lumen.lumen import Lumen
+from ...lumen.surface import Surface
 from ...scenario import Scenario
 from ..lanes import LANES
 from . import layout as at
@@ -144,6 +145,6 @@ def _wall_of(sc: Scenario) -> Tube | Bricks:
     def make() -> Bricks:
         return Bricks(depth, low.tolist(), high.tolist(), cell, thickest + 2 * cell, _OUTSIDE + 2 * cell)
 
-    if lumen.wall is not None:
+    if lumen.wall is not None and not isinstance(lumen.wall, Surface):
         return make()
     return kept(digest_of(lumen, *low, *high, cell, thickest, _OUTSIDE, ROUNDED), make)
