@@ -17,7 +17,7 @@ def test_the_time_to_beat(against, run, monkeypatch):
     """`play` asks for it, of a controller or of a trained policy."""
     games: list[playing.Game] = []
     monkeypatch.setattr(playing, "play", games.append)
-    view.RUN[Play](Play(against=str(run[0]) if against == "RUN" else against))
+    view.RUN[Play](Play(against=str(run[0]), task=ID) if against == "RUN" else Play(against=against))
     (game,) = games
     assert game.name == ("MaxForce" if against == "MaxForce" else run[0].name)
     if against == "MaxForce":
