@@ -12,9 +12,13 @@ __all__ = ["aim_seen", "magnet_seen", "tip_seen", "way_seen"]
 
 
 def tip_seen(controller: Controller, observation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The tip's arc length (n,) m and speed (n,) m/s."""
-    sim = controller.core.sim
-    tip = controller.seen(observation, "tip_arclength")[:, 0] * sim.library.tract_length[sim.lane_scenario]
+    """The tip's arc length (n,) m and speed (n,) m/s; where the arc length is not observed, from the way left."""
+    sim, core = controller.core.sim, controller.core
+    length = sim.library.tract_length[sim.lane_scenario]
+    if "tip_arclength" in core.observer.names:
+        tip = controller.seen(observation, "tip_arclength")[:, 0] * length
+    else:
+        tip = core.goal - controller.seen(observation, "distance_left")[:, 0] * length
     return tip, controller.seen(observation, "tip_speed")[:, 0].astype(np.float64) * SPEED_SCALE
 
 

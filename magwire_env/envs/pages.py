@@ -140,8 +140,8 @@ _FED = (
 )
 _ACTIONS = (
     "Numbers beyond ±1 are clipped, NaN is refused. A servo moves each degree of freedom there at its limited speed, a "
-    'turn the short way round. `action_mode="rate"` commands the motion in one control period instead, `"direction"` '
-    "takes a turn's (cos, sin)."
+    'turn the short way round. `action_mode="angle"` commands where it is to stand, `"rate"` the motion in one control '
+    'period, `"direction"` takes (cos, sin) of a turn from home.'
 )
 _REWARD = (
     'The sum of these terms, every one in `info`. Weights by `reward=RewardWeights(…)`; `reward="sparse"` is 1 on '
@@ -193,19 +193,23 @@ def _observation_table(task: Task, scenario: Scenario) -> str:
 
 
 def _action_table(scenario: Scenario, mode: str) -> str:
-    rows = moment_rows(scenario) if mode == "moment" else action_rows(scenario)
+    rows = moment_rows(scenario) if mode == "moment" else action_rows(scenario, mode)
     lines = [f"| {number} | {text} | -1 | 1 | {unit} |" for number, (text, unit) in enumerate(rows)]
     return "\n".join(["| Num | Action | Min | Max | ±1 stands for |", "|-----|---|---|---|---|", *lines])
 
 
-def action_rows(scenario: Scenario) -> list[tuple[str, str]]:
+def action_rows(scenario: Scenario, mode: str) -> list[tuple[str, str]]:
     """What every number of the action commands, in order, and what ±1 stands for."""
     rows = []
     for name, dof in zip(scenario.rig.names, scenario.rig.dofs, strict=True):
-        if isinstance(dof, Turn):
+        unit = {Turn: "rad", Slide: "m", Feed: "m", Twist: "rad"}.get(type(dof), "A")
+        if mode == "rate":
+            rows.append((f"motion of the {name}", f"{dof.speed * scenario.timing.control_period:.3g} {unit} a step"))
+        elif isinstance(dof, Turn) and mode == "direction":
+            rows += [(f"{part} of the {name} from home", f"home {dof.home:.4g} rad") for part in ("cosine", "sine")]
+        elif isinstance(dof, Turn):
             rows.append((name, f"home {dof.home:.4g} rad ± π rad"))
         else:
-            unit = {Slide: "m", Feed: "m", Twist: "rad"}.get(type(dof), "A")
             rows.append((name, f"{dof.low:.3g} and {dof.high:.3g} {unit}"))
     return rows
 

@@ -47,7 +47,7 @@ def test_one_bad_lane_stops_the_whole_batch_before_it_moves():
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"action_mode": "torque"}, "action_mode must be one of 'angle', 'rate', 'direction', got 'torque'"),
+        ({"action_mode": "torque"}, "action_mode must be one of 'angle', 'rate', 'direction', 'moment', got 'torque'"),
         ({"observe": ("tip_arclength", "colour")}, "got 'colour'"),
         ({"observe": ()}, "observe must name different channels"),
         ({"reward": "shaped"}, "reward must be one of 'dense', 'sparse', got 'shaped'"),

@@ -87,7 +87,7 @@ def test_a_leg_that_was_not_finished_has_no_time():
     env = gym.make(ID, time_limit=0.3)
     env.reset(seed=0)
     for _ in range(3):
-        *_, truncated, info = env.step(np.zeros(1, dtype=np.float32))
+        *_, truncated, info = env.step(np.float32([1.0, 0.0]))
     assert truncated
     assert np.isnan([info["summary"]["time_in"], info["summary"]["time_back"]]).all()
 
@@ -97,7 +97,7 @@ def test_a_tip_that_turns_in_the_last_period_has_finished_one_leg():
     core = env.unwrapped.core
     env.reset(seed=0, options={"tip_arclength": 0.69, "magnet_angle": 3.2})
     core.step_limit = 1000
-    action = np.zeros(1, dtype=np.float32)
+    action = np.float32([1.0, 0.0])  # home
     for _ in range(100):
         env.step(action)
         if core.episodes.lanes[EPISODE.sense, 0] < 0:

@@ -20,6 +20,7 @@ import numpy as np
 
 import magwire_env
 from magwire_env.envs.observation import CHANNELS
+from magwire_env.envs.task import TASKS as REGISTERED
 
 from .scenarios import SPREADS, batch, layout
 
@@ -86,8 +87,8 @@ def play(envs: gym.vector.VectorEnv, steps: int, rng: np.random.Generator) -> Co
 
 
 def registered(rng: np.random.Generator, lanes: int) -> tuple[str, gym.vector.VectorEnv]:
-    """A registered task with a random action mode, all its channels, and a random coupling."""
-    task = str(rng.choice(magwire_env.TASK_IDS))
+    """A registered task with a random action mode, all its channels, and a random coupling; fed wires: `free_wire`."""
+    task = str(rng.choice([name for name in magwire_env.TASK_IDS if not REGISTERED[name].kind.navigates]))
     settings: dict[str, Any] = {"action_mode": str(rng.choice(["angle", "rate", "direction"]))}
     if rng.random() < 0.5:
         settings["observe"] = channels(task)

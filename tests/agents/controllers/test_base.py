@@ -44,3 +44,13 @@ def test_a_controller_says_which_channel_it_misses():
     observation, _ = env.reset(seed=0)
     with pytest.raises(ValueError, match="observe must include 'tip_arclength'"):
         MaxForce.from_env(env).predict(observation)
+
+
+@pytest.mark.parametrize("policy", [MaxForce, NetForce])
+def test_without_the_arc_length_a_controller_reads_the_tip_from_the_way_left(policy):
+    seen = ("tip_speed", "magnet", "distance_left")
+    usual, other = (
+        evaluate(policy.from_env, "MagWire/Steer-v0", 2, observe=names) for names in ((*seen, "tip_arclength"), seen)
+    )
+    assert usual.success.all()
+    assert np.allclose(usual.time, other.time, atol=0.05)
