@@ -26,7 +26,7 @@ from ..lanes import (
     where,
 )
 from .bricks import depth_in_bricks
-from .layout import ALONG, FORCE_TOLERANCE, FOUND, GRID_NX, LAGGED, ROW, TABLE_STRIDE
+from .layout import ALONG, FOUND, GRID_NX, LAGGED, ROW, TABLE_STRIDE
 from .vectors import (
     add6,
     apply6,
@@ -47,10 +47,6 @@ from .vectors import (
 
 NOT_CONTACT = 1e-15
 """m, guards a division at the centreline."""
-
-GROWS, BEGINS = 2.0, 1e3
-"""The normal force that curvature and friction go by may grow by this factor from one iterate to the next, and begin at
-so many times the force tolerance."""
 
 
 @inlined
@@ -138,18 +134,16 @@ def touch(
     taken : whether the last trial became the iterate, whose load is then the friction's
     moves : whether the lane moves at all; else its foot stays
 
-    Returns the energies with the lagged and with the present load, the normal force, the friction
-    that the gradient lacks while that force is not known yet (N), the gradient, the Hessian, the
+    Returns the energies with the lagged and with the present load, the normal force, the gradient, the Hessian, the
     gradient by the spin, its own second derivative and its mixed ones with x.
     """
     depth, normal, inv, sign, along = spread(0.0), zero3(), spread(0.0), spread(1.0), t
-    bend = zero6()
     in_bricks = load(par, GRID_NX) > 0.0
     in_tube = load(par, GRID_NX) <= 0.0
     if anywhere(in_tube):
         depth, normal, inv, sign, along = tube(table, foot, at, spacing, x, moves)
     if len(grid) > 0 and anywhere(in_bricks):
-        deep, towards, bend = depth_in_bricks(grid, par, x)
+        deep, towards = depth_in_bricks(grid, par, x)
         depth, normal = where(in_bricks, deep, depth), select3(in_bricks, towards, normal)
         inv, sign, along = where(in_bricks, 0.0, inv), where(in_bricks, 1.0, sign), select3(in_bricks, t, along)
     depth = depth + radius
@@ -160,23 +154,18 @@ def touch(
     store3(work, load_at + LAGGED + LANES, lag_n)
     force, energy = spread(0.0), spread(0.0)
     gradient, hessian = zero3(), zero6()
-    unknown = spread(0.0)
     old, new, by_spin, spin_spin, spin_x = spread(0.0), spread(0.0), spread(0.0), spread(0.0), zero3()
     if anywhere(inside | (lagged > 0.0)):
         pressed = where(inside, stiffness, 0.0)
         force = pressed * depth
         energy = 0.5 * force * depth
         gradient = times(force, normal)
-        # A load that a trial deep in the wall has made up would bend the wall and rub the wire for nothing.
-        known = where(moves, minimum(force, GROWS * lagged + BEGINS * load(par, FORCE_TOLERANCE)), force)
-        unknown = friction * (force - known)
-        round_ = where(sign > 0.0, known * inv, 0.0)
+        round_ = where(sign > 0.0, force * inv, 0.0)
         hessian = plus6(
             diagonal(square(pressed - round_, normal), round_),
             -round_,
             square(1.0 / maximum(dot(along, along), 1e-30), along),
         )
-        hessian = plus6(hessian, where(in_bricks, exact * known, 0.0), bend)
         old, new = energy, energy
         if anywhere(friction > 0.0):
             n = times(rsqrt(maximum(dot(normal, normal), 1e-30)), normal)
@@ -192,7 +181,7 @@ def touch(
             size_inv = rsqrt(size2)
             size = size2 * size_inv
             new = new + friction * force * (size - slow)
-            rub = friction * known * size_inv
+            rub = friction * force * size_inv
             gradient = plus(gradient, rub, v)
             h = plus6(diagonal(square(-rub, n), rub), -exact * rub * size_inv * size_inv, square(1.0, v))
             hessian = add6(hessian, h)
@@ -200,4 +189,4 @@ def touch(
             spin_x = apply6(h, ring)
             spin_spin = dot(spin_x, ring)
     store(work, load_at + FOUND, force)
-    return old, new, force, unknown, gradient, hessian, by_spin, spin_spin, spin_x
+    return old, new, force, gradient, hessian, by_spin, spin_spin, spin_x

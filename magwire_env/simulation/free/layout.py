@@ -74,22 +74,18 @@ WIRE_STRIDE = len(_WIRE.split()) * LANES
 #     step's start; FEED_WANT, TWIST_WANT : commands, m and rad
 # LEFT, LENGTH : of the period and of the step, in FINEST parts of the longest step; H : the step, s
 # ENERGY, SLOPE, ALPHA : of the search along MOVE; TRIES : evaluations of this step; TAKEN, EXACT : 1 or 0
-# LOOSE : trials since the potential last fell that were kept all the same; REF_ALPHA : the first one's share of the
-#     move, REF_NEXT : the share tried next on return; REF_CELL, REF_CELL_MOVE : the cell and its direction to return to
 # SPUN, SPUN_START : rad the base has been turned; BASE_MX … TIP_MZ : directors of the clamps
 # Over the last period: FAILED steps, EVALUATED potentials, STEPPED steps, RESIDUAL N at most, SUM_WALL N (times the
 #     steps), PEAK_WALL N, of the wall's normal forces
 # BASE_FX … BASE_TQZ : what the base exerts on the wire, N and N·m; ENDED : 1 where a step has just ended
 _LANE = """FIRST CELL CELL_REST CELL_START CELL_SPEED CELL_MOVE OUT FEED_GOAL FEED_START FEED_WANT TWIST_WANT
 LEFT LENGTH H
-ENERGY SLOPE ALPHA TRIES TAKEN EXACT LOOSE REF_ALPHA REF_NEXT REF_CELL REF_CELL_MOVE
-SPUN SPUN_START BASE_MX BASE_MY BASE_MZ TIP_MX TIP_MY TIP_MZ
+ENERGY SLOPE ALPHA TRIES TAKEN EXACT SPUN SPUN_START BASE_MX BASE_MY BASE_MZ TIP_MX TIP_MY TIP_MZ
 FAILED EVALUATED STEPPED RESIDUAL SUM_WALL PEAK_WALL BASE_FX BASE_FY BASE_FZ BASE_TQX BASE_TQY BASE_TQZ ENDED"""
 (
     FIRST, CELL, CELL_REST, CELL_START, CELL_SPEED, CELL_MOVE, OUT, FEED_GOAL, FEED_START, FEED_WANT, TWIST_WANT,
     LEFT, LENGTH, H,
-    ENERGY, SLOPE, ALPHA, TRIES, TAKEN, EXACT, LOOSE, REF_ALPHA, REF_NEXT, REF_CELL, REF_CELL_MOVE,
-    SPUN, SPUN_START, BASE_MX, BASE_MY, BASE_MZ, TIP_MX, TIP_MY, TIP_MZ,
+    ENERGY, SLOPE, ALPHA, TRIES, TAKEN, EXACT, SPUN, SPUN_START, BASE_MX, BASE_MY, BASE_MZ, TIP_MX, TIP_MY, TIP_MZ,
     FAILED, EVALUATED, STEPPED, RESIDUAL, SUM_WALL, PEAK_WALL, BASE_FX, BASE_FY, BASE_FZ, BASE_TQX, BASE_TQY, BASE_TQZ,
     ENDED,
 ) = _fields(_LANE)  # fmt: skip
@@ -119,10 +115,7 @@ START, MOVE, GRADIENT, CONTACT, RIGHT, W1, W2 = (i * LANES for i in (0, 3, 6, 9,
 N0, M1, TURN, TURN_MOVE, SPIN_GRADIENT, U1, U2, SPIN_RIGHT, S1, S2, S3 = (
     i * LANES for i in (33, 36, 39, 40, 41, 42, 45, 48, 49, 52, 55)
 )  # fmt: skip
-# REF, REF_MOVE : the iterate that a search returns to, and its direction; of
-# wires that twist also REF_M, REF_TURN, REF_TURN_MOVE.
-REF, REF_MOVE, REF_M, REF_TURN, REF_TURN_MOVE = (i * LANES for i in (56, 59, 62, 65, 66))
-WORK_STRIDE = 67 * LANES
+WORK_STRIDE = 56 * LANES
 
 MARKS = 8
 """Numbers of a mark: the tip's place, that of the node before it, and the row and the way along it of the tip's foot;

@@ -5,7 +5,8 @@ A step of h s minimises
     Σ ½ m/h² |x − x₀ − h v|² + ½ c/h |x − x₀|² − f·x  +  stretching + bending + twisting  −  Σ m t·B  +  wall + friction
 
 over the nodes' places x and the segments' spins. `evaluate` walks the wire from tail to tip: it adds up the potential,
-its gradient and its Hessian, and takes every node out as soon as its rows are complete. `search.search` walks back.
+its gradient and its Hessian, and takes every node out as soon as its rows are complete. `search` walks back, moves the
+lanes whose trial was taken and leaves the next direction.
 
 With `spin` None the wire has no twist: an own, cheaper variant.
 
@@ -18,7 +19,7 @@ gradient is the force on the feed: the thrust less M²/2EI, with which a bent ro
 from __future__ import annotations
 
 from ...compiled import inlined, kernel
-from ..lanes import absolute, anywhere, load, maximum, minimum, reciprocal, rsqrt, spread, store, where
+from ..lanes import LANES, absolute, anywhere, load, maximum, minimum, reciprocal, rsqrt, spread, store, where
 from . import layout as at
 from .contact import touch
 from .elements import aligned, bent, natural, precurved, stretched, times6, transported, turned, twisted
@@ -29,6 +30,7 @@ from .vectors import (
     add,
     add6,
     add9,
+    apply9,
     cross,
     dot,
     full,
@@ -48,6 +50,12 @@ from .vectors import (
     zero6,
     zero9,
 )
+
+
+@inlined
+def load9(array, o):
+    a, b, c = load3(array, o), load3(array, o + 3 * LANES), load3(array, o + 6 * LANES)
+    return a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]
 
 
 @inlined
@@ -138,8 +146,7 @@ def evaluate(
     """The potential at the trial x + α move, and the elimination of its Newton system.
 
     Returns the energies with the lagged and the new friction loads, the largest gradient of a coordinate that is free
-    (of a spin, over its segment's length), the Newton decrement gᵀH⁻¹g, the sum of the wall's normal forces, and the
-    largest friction, N, that is not in the gradient yet (see `contact.GROWS`).
+    (of a spin, over its segment's length), the Newton decrement gᵀH⁻¹g, the sum of the wall's normal forces.
     """
     tip = node.shape[0] // at.NODE_STRIDE - 1
     zero, one = spread(0.0), spread(1.0)
@@ -150,7 +157,7 @@ def evaluate(
     wall = load(par, at.WALL) * (1.0 / points)
     loose = where(fed | (load(par, at.BASE_CLAMPED) > 0.0), 0.0, 0.5)  # a base that nothing holds touches the wall
     cell = load(lane, at.CELL) + alpha * load(lane, at.CELL_MOVE)
-    old, new, worst, decrement, pressed, unknown = zero, zero, zero, zero, zero, zero
+    old, new, worst, decrement, pressed = zero, zero, zero, zero, zero
 
     base_force, base_torque = zero3(), zero3()
     # The window; r… the gradient itself, f… the wall's force.
@@ -256,12 +263,12 @@ def evaluate(
             weight = rest
             if k == 0:
                 weight = where(begins, loose * rest, 0.5 * (rest_below + rest))
-            t_old, t_new, force, lacks, g, hx, g_spin, h_spin, x_spin = touch(
+            t_old, t_new, force, g, hx, g_spin, h_spin, x_spin = touch(
                 table, grid, par, foot, (i * points + k) * at.FOOT_STRIDE, (i * points + k) * at.LOAD_STRIDE, loads,
                 plus(xb, a, e), plus(start_b, a, start_e), w, radius, spun, away * weight, friction, slow, spacing,
                 exact, taken, moves,
             )  # fmt: skip
-            old, new, pressed, unknown = old + t_old, new + t_new, pressed + force, maximum(unknown, lacks)
+            old, new, pressed = old + t_old, new + t_new, pressed + force
             db, dc = plus(db, 1.0 - a, g), plus(dc, a, g)
             fb, fc = plus(fb, a - 1.0, g), plus(fc, -a, g)
             hbb, hcc = plus6(hbb, (1.0 - a) * (1.0 - a), hx), plus6(hcc, a * a, hx)
@@ -368,14 +375,13 @@ def evaluate(
         gs, qs, ss = gs - torque, qs - torque, ss + twisting
         sa, sb = sub(sa, ses), add(sb, ses)
     start = load3(work, ob + at.START)
-    t_old, t_new, force, lacks, g, hx, g_spin, h_spin, x_spin = touch(
+    t_old, t_new, force, g, hx, g_spin, h_spin, x_spin = touch(
         table, grid, par, foot, tip * points * at.FOOT_STRIDE, tip * points * at.LOAD_STRIDE, loads, xb, start, u,
         load(wire, (tip - 1) * at.WIRE_STRIDE + at.RADIUS), spun,
         wall * (0.5 * rest_below) + load(par, at.WALL) * load(par, at.TIP_CAP), friction, slow, spacing, exact,
         taken, moves,
     )  # fmt: skip
     old, new, pressed = old + energy + t_old, new + energy + t_new, pressed + force
-    unknown = maximum(unknown, lacks)
     if spin is not None:
         gs, qs, ss, sb = gs + g_spin, qs + g_spin, ss + h_spin, add(sb, x_spin)
     ga, ra = sub(ga, ge), sub(ra, ge)
@@ -407,4 +413,45 @@ def evaluate(
     )
     store3(lane, at.BASE_FX, base_force)
     store3(lane, at.BASE_TQX, base_torque)
-    return old, new, worst, decrement + part, pressed, unknown
+    return old, new, worst, decrement + part, pressed
+
+
+@kernel
+def search(tail, taken, still, par, wire, lane, node, spin, work, unit):
+    """Move the lanes `taken` to their trial and leave the next direction; returns its largest part, and the cell's.
+
+    still : where the trial is an end, so that the direction is zero
+    unit : m that a spin of a radian counts as
+    """
+    tip = node.shape[0] // at.NODE_STRIDE - 1
+    alpha, first, zero = load(lane, at.ALPHA), load(lane, at.FIRST), spread(0.0)
+    fed = load(par, at.FED) > 0.5
+    b, c, bs, most = zero3(), zero3(), zero, zero
+    new_cell = load(lane, at.CELL_MOVE)
+    for i in range(tip, tail - 1, -1):
+        o, n = i * at.WORK_STRIDE, i * at.NODE_STRIDE
+        new_spin = zero
+        p = sub(times(-1.0, load3(work, o + at.RIGHT)), apply9(load9(work, o + at.W1), b))
+        p = sub(p, apply9(load9(work, o + at.W2), c))
+        if spin is not None and i < tip:
+            new_spin = -load(work, o + at.SPIN_RIGHT) - dot(load3(work, o + at.S1), b) - dot(load3(work, o + at.S2), c)
+            new_spin = new_spin - load(work, o + at.S3) * bs
+            p = plus(plus(p, -new_spin, load3(work, o + at.U1)), -bs, load3(work, o + at.U2))
+            before, move = load(work, o + at.TURN), load(work, o + at.TURN_MOVE)
+            m, k = load3(spin, i * at.SPIN_STRIDE + at.MX), load3(work, o + at.M1)
+            store3(spin, i * at.SPIN_STRIDE + at.MX, select3(taken, k, m))
+            store(work, o + at.TURN, where(taken, before + alpha * move, before))
+            store(work, o + at.TURN_MOVE, where(taken, where(still, 0.0, new_spin), move))
+            most = maximum(most, absolute(new_spin) * unit)
+        b, c, bs = p, b, new_spin
+        x, move = load3(node, n + at.X), load3(work, o + at.MOVE)
+        leaves = fed & (first <= 1.0 * i) & (first >= 1.0 * i)
+        new_cell = where(leaves, p[0], new_cell)
+        hold = load3(wire, i * at.WIRE_STRIDE + at.HOLD_X)
+        p = select3(leaves, zero3(), p)
+        p = (where(hold[0] > 0.0, 0.0, p[0]), where(hold[1] > 0.0, 0.0, p[1]), where(hold[2] > 0.0, 0.0, p[2]))
+        store3(node, n + at.X, select3(taken, plus(x, alpha, move), x))
+        goes = select3(still, zero3(), p)
+        store3(work, o + at.MOVE, select3(taken, goes, move))
+        most = maximum(maximum(most, absolute(p[0])), maximum(absolute(p[1]), absolute(p[2])))
+    return most, new_cell

@@ -5,13 +5,10 @@ and a lane whose step has converged begins its next one while others still searc
 the most evaluations over the *period*, not for the slowest lane of every step; and a lane's course never depends on
 its neighbours.
 
-A trial is taken only if it does not raise the potential (Armijo's rule). One that raises it is kept all the same for a
-few trials, since a step that meets new parts of the wall knows of them only there; if none of them falls below where
-the potential last fell, the search goes back to that iterate and shortens its move (the watchdog rule of Chamberlain,
-Powell, Lemarechal and Pedersen, 1982). Where what there is to gain is lost in the potential's rounding, the forces
-judge instead: they must have come much nearer to balance (the approximate rule of Hager and Zhang). A step that has
-not converged within its patience is begun again at half its length, down to a 64th of the longest; what still fails is
-kept and counted.
+A trial is taken only if it does not raise the potential (Armijo's rule). Where what there is to gain is lost in the
+potential's rounding, the forces judge instead: they must have come much nearer to balance (the approximate rule of
+Hager and Zhang). A step that has not converged within its patience is begun again at half its length, down to a 64th of
+the longest; what still fails is kept and counted.
 """
 
 from __future__ import annotations
@@ -24,8 +21,7 @@ from . import layout as at
 from .elements import transported, turned
 from .layout import FINEST
 from .magnetics import place_magnets
-from .rod import evaluate
-from .search import search
+from .rod import evaluate, search
 from .sleeve import JOIN, SPLIT, regrid
 from .vectors import dot, load3, plus, select3, store3, sub, times, zero3
 
@@ -35,10 +31,6 @@ NOISE, LEAST_MOVE = 1e-13, 1e-9
 
 HIDDEN, NEARER = 1e-11, 0.25
 """Share of the potential that rounding may hide, and what must be left of the Newton decrement where it does."""
-
-MOST_LOOSE = 3
-"""Trials in a row that may raise the potential before the search goes back to the last one that did not; none of a wire
-that twists, which on such a way may lose a turn of twist between two directors."""
 
 MOST_SHRINK = 0.8
 """Share of its length that the cell may lose in one move: the energy of a cell of negative length has no minimum."""
@@ -143,12 +135,7 @@ def actuate(again, begin, par, lane, dofs, is_turn, q, command, h):
     start = minimum(maximum(goal, cell - slack), cell + slack)
     gap = load(lane, at.FEED_WANT) - load(lane, at.OUT) - start
     store(lane, at.FEED_START, where(begin, start, load(lane, at.FEED_START)))
-    ahead = minimum(maximum(gap, -most), most)
-    store(lane, at.FEED_GOAL, where(begin, start + ahead, goal))
-    # The first guess: a drive that does not give way takes the cell along.
-    holds = begin & (load(par, at.FED) > 0.5) & (absolute(start - cell) < 0.999 * slack)
-    guess = maximum(start + ahead - cell, -MOST_SHRINK * cell)
-    store(lane, at.CELL_MOVE, where(holds, guess, load(lane, at.CELL_MOVE)))
+    store(lane, at.FEED_GOAL, where(begin, start + minimum(maximum(gap, -most), most), goal))
     spun, before = load(lane, at.SPUN), load(lane, at.SPUN_START)
     start = where(again, before, spun)
     most = load(par, at.TWIST_SPEED) * h
@@ -171,16 +158,10 @@ def cell_room(cell, move):
 
 
 @inlined
-def judge(old, new, worst, decrement, par, lane, running, most_loose):
-    """What becomes of the trial.
-
-    Returns where it is taken; where it is kept though the potential rose; where the iterate before it is noted first,
-    to return to; where the search returns to that; where the trial is taken and balances the forces; and the share of
-    the move to try next where it is neither taken nor kept.
-    """
-    tried, slope, tries = load(lane, at.ALPHA), load(lane, at.SLOPE), load(lane, at.TRIES)
-    energy, loose = load(lane, at.ENERGY), load(lane, at.LOOSE)
-    alpha = where((loose > 0.5) & (loose <= most_loose), load(lane, at.REF_ALPHA), tried)
+def judge(old, new, worst, decrement, par, lane, running):
+    """Whether the trial is taken, and whether it balances the forces."""
+    alpha, slope, tries = load(lane, at.ALPHA), load(lane, at.SLOPE), load(lane, at.TRIES)
+    energy = load(lane, at.ENERGY)
     noise = NOISE * (absolute(old) + absolute(energy)) + LEAST_MOVE * load(par, at.FORCE_TOLERANCE)
     hidden = HIDDEN * (absolute(old) + absolute(energy))
     balances = (old <= energy + hidden) & (decrement <= -NEARER * slope)
@@ -190,36 +171,13 @@ def judge(old, new, worst, decrement, par, lane, running, most_loose):
     # along the parabola through both ends
     drop = maximum(old - energy - alpha * slope, 1e-300)
     shorter = minimum(maximum(-0.5 * slope * alpha * alpha / drop, 0.1 * alpha), 0.5 * alpha)
-    shorter = where(rejected, shorter, 0.1 * alpha)
-    early = tries + (1.0 + most_loose) < load(par, at.PATIENCE)
-    kept = running & early & (old < REFUSED) & (old > -HUGE) & (loose < most_loose)
-    kept = where(taken, 0.0, where(kept, 1.0, 0.0)) > 0.5
-    saves = kept & (loose < 0.5)
-    returns = (loose > 0.5) & (loose <= most_loose) & running
-    back = where(taken | kept, 0.0, where(returns, 1.0, 0.0)) > 0.5
-    store(lane, at.REF_ALPHA, where(saves, tried, load(lane, at.REF_ALPHA)))
-    store(lane, at.REF_NEXT, where(saves, shorter, load(lane, at.REF_NEXT)))
-    shorter = where(back, load(lane, at.REF_NEXT), shorter)
-    store(lane, at.LOOSE, where(taken, 0.0, where(kept, loose + 1.0, where(running, most_loose + 1.0, loose))))
+    store(lane, at.ALPHA, where(taken, 1.0, where(rejected, shorter, 0.1 * alpha)))
     store(lane, at.ENERGY, where(taken, new, energy))
-    exact = load(lane, at.EXACT)
-    exact = where(taken, where(tried >= 1.0, 1.0, exact), where(kept, exact, where(running, 0.0, 1.0)))
-    store(lane, at.EXACT, exact)
+    store(lane, at.EXACT, where(taken, where(alpha >= 1.0, 1.0, load(lane, at.EXACT)), where(running, 0.0, 1.0)))
     store(lane, at.TRIES, where(running, tries + 1.0, tries))
     store(lane, at.TAKEN, where(taken, 1.0, 0.0))
     store(lane, at.EVALUATED, load(lane, at.EVALUATED) + where(running, 1.0, 0.0))
-    return taken, kept, saves, back, taken & (worst <= load(par, at.FORCE_TOLERANCE)), shorter
-
-
-@inlined
-def move_cell(goes, saves, back, still, alpha, new_move, lane):
-    """The cell and its direction, as `search` has it for the nodes."""
-    cell, move = load(lane, at.CELL), load(lane, at.CELL_MOVE)
-    ref, ref_move = where(saves, cell, load(lane, at.REF_CELL)), where(saves, move, load(lane, at.REF_CELL_MOVE))
-    store(lane, at.REF_CELL, ref)
-    store(lane, at.REF_CELL_MOVE, ref_move)
-    store(lane, at.CELL, where(goes, cell + alpha * move, where(back, ref, cell)))
-    store(lane, at.CELL_MOVE, where(goes, where(still, 0.0, new_move), where(back, ref_move, move)))
+    return taken, taken & (worst <= load(par, at.FORCE_TOLERANCE))
 
 
 @kernel
@@ -241,9 +199,6 @@ def run_block(
     store(lane, at.H, longest)
     finish, again, begin = zero > 0.0, zero > 0.0, one > 0.0
     tail = first_active(lane, nodes)
-    most_loose = 1.0 * MOST_LOOSE
-    if spin is not None:
-        most_loose = 0.0
     while True:
         if anywhere(finish | again | begin):
             h_old = load(lane, at.H)
@@ -257,32 +212,29 @@ def run_block(
                 tail = first_active(lane, nodes)
             actuate(again, begin, par, lane, dofs, is_turn, q, command, h)
             place_magnets(rig, magnets, q, pose)
-            for field, value in (
-                (at.ALPHA, 1.0), (at.EXACT, 1.0), (at.TRIES, 0.0), (at.ENERGY, HUGE), (at.SLOPE, 0.0), (at.LOOSE, 0.0)
-            ):  # fmt: skip
+            for field, value in ((at.ALPHA, 1.0), (at.EXACT, 1.0), (at.TRIES, 0.0), (at.ENERGY, HUGE), (at.SLOPE, 0.0)):
                 store(lane, field, where(begin, value, load(lane, field)))
         running = load(lane, at.LEFT) > 0.0
         if not anywhere(running):
             break
-        old, new, worst, decrement, pressed, unknown = evaluate(
+        old, new, worst, decrement, pressed = evaluate(
             block, tail, points, magnetic, par, wire, lane, node, spin, foot, work, loads, table, grid,
             rig, magnets, clouds, cloud_of, sources, pose,
         )  # fmt: skip
         alpha = load(lane, at.ALPHA)
-        taken, kept, saves, back, balanced, shorter = judge(
-            old, new, maximum(worst, unknown), decrement, par, lane, running, most_loose
-        )
-        goes = taken | kept
-        most, cell_move = search(tail, goes, saves, back, balanced, par, wire, lane, node, spin, work, 1e-3)
-        move_cell(goes, saves, back, balanced, alpha, cell_move, lane)
+        taken, balanced = judge(old, new, worst, decrement, par, lane, running)
+        shorter = load(lane, at.ALPHA)
+        store(lane, at.ALPHA, alpha)
+        most, cell_move = search(tail, taken, balanced, par, wire, lane, node, spin, work, 1e-3)
+        store(lane, at.CELL, load(lane, at.CELL) + where(taken, alpha * load(lane, at.CELL_MOVE), 0.0))
+        store(lane, at.CELL_MOVE, where(taken, where(balanced, 0.0, cell_move), load(lane, at.CELL_MOVE)))
         most = maximum(most, absolute(cell_move))
         store(lane, at.SLOPE, where(taken, -decrement, load(lane, at.SLOPE)))
         cut = minimum(one, load(par, at.MOST_MOVE) * reciprocal(maximum(most, 1e-12)))
         cut = minimum(cut, cell_room(load(lane, at.CELL), cell_move))
-        store(lane, at.ALPHA, where(goes, cut, shorter))
+        store(lane, at.ALPHA, where(taken, cut, shorter))
         # What comes next.
-        settled = taken & (most <= load(par, at.MOVE_TOLERANCE)) & (unknown <= load(par, at.FORCE_TOLERANCE))
-        done = balanced | settled
+        done = balanced | (taken & (most <= load(par, at.MOVE_TOLERANCE)))
         length, left = load(lane, at.LENGTH), load(lane, at.LEFT)
         spent = running & (load(lane, at.TRIES) >= load(par, at.PATIENCE))
         spent = where(done, 0.0, where(spent, 1.0, 0.0)) > 0.5
@@ -335,7 +287,7 @@ def publish(
     for i in range(len(loads) // LANES):
         store(loads, i * LANES, zero)
     place_magnets(rig, magnets, q, pose)
-    _, _, _, _, pressed, _ = evaluate(
+    _, _, _, _, pressed = evaluate(
         block, 0, points, magnetic, par, wire, lane, node, spin, foot, work, loads, table, grid,
         rig, magnets, clouds, cloud_of, sources, pose,
     )  # fmt: skip
