@@ -19,7 +19,7 @@ A controller of your own needs no edit of this package. Give its class to `regis
 Commands take such a class as ``module:Class`` or ``file.py:Class``, and other policies too: see `agents.policies`.
 
     magwire evaluate my_controllers.py:AtHome --task MagWire/Chase-v0
-    magwire benchmark --controllers my_controllers:AtHome --only AtHome
+    magwire benchmark --controllers my_controllers.py:AtHome --only AtHome
 """
 
 from __future__ import annotations
@@ -37,9 +37,13 @@ from .controllers import (
     PD,
     ConstantRotation,
     ExtremumSeeking,
+    FollowRoute,
+    Forward,
+    Hold,
     MaxForce,
     NetForce,
     Random,
+    RecoverRoute,
 )
 from .env_kwargs import parsed, world
 from .par.held import BestConstant, BestConstantEach, HoldHome
@@ -47,7 +51,19 @@ from .par.optimal import Optimal
 from .policies import own_policy
 from .shipped import PREFIX
 
-__all__ = ["CONTROLLERS", "FLOORS", "PAR", "REFERENCE", "Entrant", "controller", "register_controller", "resolve"]
+__all__ = [
+    "CONTROLLERS",
+    "FLOORS",
+    "IN_TREES",
+    "OF_TREES",
+    "PAR",
+    "REFERENCE",
+    "Entrant",
+    "compared_with",
+    "controller",
+    "register_controller",
+    "resolve",
+]
 
 
 class Untrained:
@@ -67,7 +83,7 @@ class Untrained:
 CONTROLLERS: dict[str, Any] = {
     c.__name__: c
     for c in (
-        MaxForce, NetForce, ExtremumSeeking, PD, MPPI, Optimal,
+        MaxForce, NetForce, ExtremumSeeking, PD, MPPI, Optimal, FollowRoute, RecoverRoute, Forward, Hold,
         HoldHome, BestConstant, BestConstantEach, ConstantRotation, Random,
     )
 } | {"untrained": Untrained}  # fmt: skip
@@ -81,6 +97,12 @@ REFERENCE = MaxForce.__name__
 
 FLOORS = tuple(n for n, c in CONTROLLERS.items() if getattr(c, "sees_nothing", False) or getattr(c, "floor", False))
 """Controllers that see nothing, and the untrained policy."""
+
+OF_TREES = ("FollowRoute", "RecoverRoute", "Forward", "Hold")
+"""Controllers of navigating tasks alone."""
+
+IN_TREES = (*OF_TREES, "Random")
+"""Controllers that policies of navigating tasks are compared with: the reference first, the floors last."""
 
 _DEFAULT_TASK = "MagWire/Steer-v1"
 
@@ -113,6 +135,16 @@ def controller(name: str) -> Any:
     if name in CONTROLLERS:
         return CONTROLLERS[name]
     return own_policy(name) if ":" in name and not Path(name).exists() else None
+
+
+def compared_with(task: str, par: bool = True, floors: bool = False) -> tuple[str, ...]:
+    """Names of the controllers that a policy of this task is compared with: the reference, the floors, the par.
+
+    Of navigating tasks there is no par, and the floors always come.
+    """
+    if TASKS[task].kind.navigates:
+        return IN_TREES
+    return (REFERENCE, *(FLOORS if floors else ()), *((PAR,) if par else ()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,6 +49,14 @@ def test_a_page_works_as_written(page, least, folder, capsys, monkeypatch):
     assert "\nMaxForce " in printed
 
 
+def test_the_page_on_anatomies_works_as_written(folder, capsys):
+    assert follow(GUIDE / "anatomies.md", typed, folder) == 3
+    printed = capsys.readouterr().out
+    assert "fork: 3 branches, 2 ends" in printed
+    assert "; no bend\n" in printed
+    assert (folder / "fork.png").exists()
+
+
 def test_the_notebook_runs_cell_by_cell(folder, capsys):
     notebook = json.loads((GUIDE / "quickstart.ipynb").read_text(encoding="utf-8"))
     matplotlib.use("Agg")

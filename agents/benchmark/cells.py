@@ -83,7 +83,7 @@ def _policy(plan: Plan, cell: Cell, out: Path) -> tuple[Any, dict[str, Any]]:
     if training is not None and plan.record(training, out) is None:
         raise FileNotFoundError(f"the cell {training.name!r} is not finished: no model to play with")
     name = cell.policy if training is None else str(training.run(out))
-    entrant = resolve(name, arena.task, arena.scenario, arena.split)
+    entrant = resolve(name, arena.task, arena.scenario, arena.split, plan.trust)
     return entrant.policy, entrant.settings
 
 
@@ -122,7 +122,7 @@ def _par(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
 def _decide(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
     """Times of single decisions in one env, ms. The first few are left out, because they compile and tabulate."""
     arena, count = plan.arena(cell.arena), plan.settings(cell)["decisions"]
-    own = resolve(cell.policy)
+    own = resolve(cell.policy, trust=plan.trust)
     settings: dict[str, Any] = own.settings | arena.env | ({"pool_size": 1} if arena.split is not None else {})
     env = gym.make(arena.task, **settings)
     observation, _ = env.reset(seed=EVALUATION_SEED)

@@ -7,7 +7,9 @@ differ. `cells` says what a cell computes, `jobs` runs the cells, `aggregates` s
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -18,7 +20,7 @@ import magwire_env
 from magwire_env.envs.task import TASKS, Task
 from magwire_env.physics.checks import whole
 
-from ..catalogue import CONTROLLERS, FLOORS, PAR, REFERENCE, controller
+from ..catalogue import CONTROLLERS, FLOORS, OF_TREES, PAR, REFERENCE, controller, resolve
 from ..evaluation.episodes import EVALUATION_SEED
 from ..evaluation.robustness import DISTURBANCES
 from ..learning.hyperparameters import hyperparameters
@@ -100,10 +102,13 @@ def _arena_of(task: Task) -> Arena:
     return Arena(name, task.id, split="test", episodes=episodes, controllers=some)
 
 
+_PLAYED = tuple(task for task in TASKS.values() if not task.kind.navigates)
+"""Tasks of the benchmark; navigating ones have other controllers, see `agents.catalogue.IN_TREES`."""
+
 ARENAS: tuple[Arena, ...] = (
-    *map(_arena_of, TASKS.values()),
+    *map(_arena_of, _PLAYED),
     Arena("SteerAny ood", "MagWire/SteerAny-v1", split="ood", models="SteerAny", episodes=100),
-    Arena("Chase ood", "MagWire/Chase-v0", split="ood", models="Chase"),
+    Arena("Chase ood", "MagWire/Chase-v1", split="ood", models="Chase"),
     Arena("hard scenario", "MagWire/Steer-v0", scenario=HARD),
     Arena(
         "SteerAny force only", "MagWire/SteerAny-v1", split="test", episodes=500,
@@ -121,11 +126,11 @@ _KNOWING = tuple(name for name in _LEARNED if name not in ("Steer", "hard scenar
 
 LEARNERS: tuple[Learner, ...] = (
     Learner("ppo", _LEARNED, 5),
-    Learner("knows_ppo", _KNOWING, 5),
-    Learner("sac", ("Steer", "SteerAny", "Chase"), 3),
-    Learner("tqc", ("Steer", "SteerAny", "Chase"), 3),
-    Learner("crossq", ("Steer", "SteerAny", "Chase"), 3),
-    Learner("stacked_ppo", _FORCE_ONLY, 5),
+    Learner("knows_ppo", _KNOWING, 3),
+    Learner("sac", ("Steer", "SteerAny"), 3),
+    Learner("tqc", ("Steer", "SteerAny"), 3),
+    Learner("crossq", ("Steer", "SteerAny"), 3),
+    Learner("stacked_ppo", _FORCE_ONLY, 3),
 )
 
 
@@ -138,6 +143,23 @@ def code_digest() -> str:
             where = file.relative_to(root.parent).as_posix()
             if not where.startswith(_NO_RESULTS):
                 digest.update(where.encode() + file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@lru_cache
+def content_of(policy: str) -> str:
+    """Digest of the files that a policy from outside the package is made of; of a name, of nothing."""
+    place, path = policy.rpartition(":")[0], Path(policy)
+    if path.exists():
+        files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
+    elif place.endswith(".py"):
+        files = [Path(place)]
+    else:
+        spec = importlib.util.find_spec(place) if place else None
+        files = [Path(spec.origin)] if spec is not None and spec.origin is not None else []
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file.name.encode() + file.read_bytes())
     return digest.hexdigest()[:16]
 
 
@@ -166,7 +188,7 @@ class Cell:
 
     @property
     def stem(self) -> str:
-        words = [self.arena.replace(" ", "_"), self.policy.replace(":", ".")]
+        words = [self.arena.replace(" ", "_"), re.sub(r"[^\w.+-]+", ".", self.policy)]
         return "-".join(words if self.seed is None else [*words, f"seed{self.seed}"])
 
     def file(self, out: Path) -> Path:
@@ -186,7 +208,9 @@ class Cell:
 class Plan:
     """All cells, and what they are made with.
 
-    extra : further policies, as ``module:thing``, that play in every arena open to all
+    extra : further policies, as every command takes them (`agents.catalogue.resolve`), that play in every arena open to
+        all
+    trust : also open those of them that can carry a program
     episodes, timesteps, seeds : upper limits on the arenas' and learners' own numbers, to try things out
     """
 
@@ -194,6 +218,7 @@ class Plan:
     learners: tuple[Learner, ...] = LEARNERS
     robustness: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: ROBUSTNESS)
     extra: tuple[str, ...] = ()
+    trust: bool = False
     episodes: int | None = None
     timesteps: int | None = None
     seeds: int | None = None
@@ -203,8 +228,7 @@ class Plan:
             if getattr(self, name) is not None:
                 whole(name, getattr(self, name), 1)
         for name in self.extra:
-            if controller(name) is None:
-                raise ValueError(f"controllers must be policies given as module:thing, got {name!r}")
+            resolve(name, trust=self.trust)
 
     def arena(self, name: str) -> Arena:
         """The arena of this name."""
@@ -217,7 +241,7 @@ class Plan:
         """Names of the controllers that play in an arena, without the par."""
         if arena.controllers is not None:
             return [name for name in CONTROLLERS if name in arena.controllers]
-        return [name for name in dict.fromkeys((*CONTROLLERS, *self.extra)) if name != PAR]
+        return [name for name in dict.fromkeys((*CONTROLLERS, *self.extra)) if name not in (PAR, *OF_TREES)]
 
     def plans_online(self, policy: str) -> bool:
         """The policy is a controller that runs the simulator for every decision."""
@@ -257,7 +281,7 @@ class Plan:
             for name in self.robustness.get(arena.name, ()):
                 if name in CONTROLLERS or name in self.trained(arena):
                     cells.append(Cell("robustness", arena.name, name, None if name in CONTROLLERS else 0))
-        for arena in map(_arena_of, TASKS.values()):
+        for arena in map(_arena_of, _PLAYED):
             if any(a.name == arena.name for a in self.arenas):
                 cells += [
                     Cell("decide", arena.name, name) for name in self.controllers(arena) if self.plans_online(name)
@@ -284,6 +308,8 @@ class Plan:
             return {"task": arena.task, "scenario": arena.scenario, "algorithm": cell.policy, "seed": cell.seed,
                     "hyperparameters": found}  # fmt: skip
         settings: dict[str, Any] = {"task": arena.task, "env": arena.env, "policy": cell.policy}
+        if cell.policy in self.extra:
+            settings["content"] = content_of(cell.policy)
         if cell.kind == "decide":
             return settings | {"decisions": DECISIONS}
         settings |= {"episodes": self.episodes_of(arena), "first_seed": EVALUATION_SEED}

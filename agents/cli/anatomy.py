@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import tyro
@@ -16,7 +16,15 @@ from magwire_env.lumen import Lumen, LumenNote
 from magwire_env.physics.checks import positive
 from magwire_env.plotting import BLUE, GREY, ORANGE, RED, SKY, blank, styled
 
-__all__ = ["RUN", "Anatomy", "picture", "report", "scene_of"]
+if TYPE_CHECKING:
+    from magwire_env.simulation import Library
+
+__all__ = ["RUN", "Anatomy", "picture", "report", "scene_of", "task_of"]
+
+_TASK = "Anatomy/Trunk-v0"
+
+_STRAIGHT = 10.0
+"""m, a bend radius that no anatomy has."""
 
 
 @dataclass
@@ -75,8 +83,8 @@ def report(lumen: Lumen, wire: float) -> str:
         f"{1e3 * lumen.total_length:.0f} mm of centreline",
         f"axes {lumen.axes or 'not declared'}; from {_shown(low)} to {_shown(high)} mm; "
         f"inlet at {_shown(1e3 * lumen.position('inlet'))} mm",
-        f"narrowest {2e3 * narrow:.3g} mm across, {_where(lumen, at_narrow)}; sharpest bend {1e3 * bend:.3g} mm, "
-        f"{_where(lumen, at_bend)}",
+        f"narrowest {2e3 * narrow:.3g} mm across, {_where(lumen, at_narrow)}; "
+        + (f"sharpest bend {1e3 * bend:.3g} mm, {_where(lumen, at_bend)}" if bend < _STRAIGHT else "no bend"),
         "",
         f"{'branch':12s} {'leaves':>12s} {'at mm':>7s} {'length mm':>9s} {'across mm':>15s}  end",
     ]
@@ -139,34 +147,54 @@ def picture(lumen: Lumen, path: Path) -> Path:
     return path
 
 
-def scene_of(lumen: Lumen, wire: float = 0.889e-3, length: float = 0.15) -> Any:
-    """A scenario with a soft magnetic wire that is fed into the lumen under a turning magnet; wire : diameter, m.
+def scene_of(lumen: Lumen, wire: float = 0.889e-3, length: float = 0.4) -> Any:
+    """A scenario with a soft magnetic wire that is fed into the lumen under a magnet that turns and slides over it.
 
-    The wire is thinner where the lumen asks for it. It stands about 30 mm in the trunk at the start.
+    wire : diameter, m; less where the trunk asks for it. The wire stands about 30 mm in the trunk at the start
     """
     from magwire_env import Scenario
     from magwire_env.physics import BlockMagnet, CylinderMagnet, Guidewire
-    from magwire_env.scenario import ActuatedMagnet, Feed, Rig, Turn
+    from magwire_env.scenario import ActuatedMagnet, Feed, Rig, Slide, Turn
 
-    wire = min(wire, 1.4 * lumen.narrowest[0])
+    wire = min(wire, 1.4 * lumen.trunk.narrowest[0])
     area, inertia = np.pi * (wire / 2) ** 2, np.pi * (wire / 2) ** 4 / 4
     length = min(length, 0.9 * max(lumen.length_of(leaf) for leaf in lumen.leaves))
     rod = Guidewire(length, wire / 2, 600.0 / area, 2e-6 / inertia, 1100.0, max(12, round(length / 5e-3)))
     low, high = lumen.bounds
-    at = ((low + high) / 2).tolist()
-    at[2] = float(high[2]) + 0.12
-    magnet = ActuatedMagnet(BlockMagnet((50.8e-3,) * 3, 1.3), tuple(at), (Turn("y"), Turn("z")))
+    x, y, _ = lumen.position("inlet").tolist()
+    reach = [(round(min(low[i] - at, 0.0), 2), round(max(high[i] - at, 0.0), 2)) for i, at in enumerate((x, y))]
+    slides = [Slide(axis, *ends) for axis, ends in zip("xy", reach, strict=True) if ends[0] < ends[1]]
+    place = (x, y, float(high[2]) + 0.08)
+    magnet = ActuatedMagnet(BlockMagnet((50.8e-3,) * 3, 1.3), place, (Turn("y"), Turn("z"), *slides))
     begin = min(max(min(0.03, lumen.trunk.length / 3, length / 2), 3.5 * length / rod.segments), length)
     rig = Rig((magnet,), feed=Feed(0.03, home=begin))
     tip = CylinderMagnet(0.9 * wire, 8e-3, 1.35)
     return Scenario(name=lumen.name or "anatomy", lumen=lumen, wire=rod, tip=tip, rig=rig, model="free")
 
 
+def task_of() -> str:
+    """The id of the task that the page plays: to the end of the trunk in two minutes; the rig starts at home."""
+    from magwire_env import Scenario
+    from magwire_env.envs.kinds import Steer
+    from magwire_env.envs.task import TASKS, Task, register_task
+
+    class FromHome(Steer):
+        name: ClassVar[str] = "steer from home"
+
+        def magnets(self, library: Library, entries: np.ndarray, start: np.ndarray) -> np.ndarray:
+            return library.home[entries]
+
+    if _TASK not in TASKS:
+        register_task(Task(_TASK, FromHome(), Scenario.paper, time_limit=120.0))
+    return _TASK
+
+
 def _serve(lumen: Lumen, wire: float, port: int) -> None:
     from magwire_env.render.browser import Page
 
     name = lumen.name or "anatomy"
-    page = Page(("MagWire/Steer-v0",), {name: scene_of(lumen, wire)}, {}, port=port)
+    print("making the wall that a wire feels, and its kernels the first time …", flush=True)
+    page = Page((task_of(),), {name: scene_of(lumen, wire)}, {}, port=port)
     print(f"look at {page.url}; Ctrl-C ends it", flush=True)
     try:
         page.run()

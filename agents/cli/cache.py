@@ -11,7 +11,7 @@ __all__ = ["Cache", "cache"]
 
 @dataclass
 class Cache:
-    """Show what is kept between runs: plans of the par, and compiled kernels. Nothing is lost by clearing but time."""
+    """Show what is kept for later: plans of the par, anatomies, compiled kernels. Clearing costs nothing but time."""
 
     clear: bool = False
     """Delete it."""
@@ -32,7 +32,7 @@ def cache(options: Cache) -> None:
     print(
         "cleared"
         if options.clear
-        else "MAGWIRE_CACHE moves the plans, NUMBA_CACHE_DIR the kernels; --clear deletes all"
+        else "MAGWIRE_CACHE moves plans and anatomies, NUMBA_CACHE_DIR the kernels; --clear deletes all"
     )
 
 
@@ -42,9 +42,13 @@ def _stores() -> Iterator[tuple[str, Path, list[Path]]]:
 
     import magwire_env
     from agents.par.cache import default_folder
+    from magwire_env.lumen.loading import kept_lumens
+    from magwire_env.simulation.free.kept_walls import kept_walls
 
     plans = default_folder()
     yield "plans of the par", plans, sorted(plans.glob("??/*.npz"))
+    yield "anatomies read", kept_lumens(), sorted(kept_lumens().glob("*.lumen"))
+    yield "walls in bricks", kept_walls(), sorted(kept_walls().glob("*.npz"))
     package = Path(magwire_env.__file__).parent
     own = os.environ.get("NUMBA_CACHE_DIR")
     kernels = Path(own) if own else package

@@ -106,7 +106,9 @@ class Benchmark:
     only: tuple[str, ...] = ()
     """Only cells whose name contains one of these patterns, such as "evaluate Steer MPPI" or "train*ppo"."""
     controllers: tuple[str, ...] = ()
-    """Policies of your own that take part, as module:thing."""
+    """Policies that take part too: a run's or policy's folder, trained/…, an SB3 .zip, or module:thing of your own."""
+    trust: bool = False
+    """Also open a model.zip or pickle, which runs any program that stands in it."""
     again: bool = False
     """Make finished cells again; with --only, those."""
     dry_run: bool = False
@@ -127,19 +129,20 @@ class Benchmark:
 
 def evaluate(options: Evaluate) -> None:
     """Print a table with the policy beside MaxForce and the par, and write JSON if a file is given."""
-    from agents.catalogue import CONTROLLERS, REFERENCE
+    from agents.catalogue import CONTROLLERS, PAR, compared_with
     from agents.evaluation.evaluator import evaluate, table
 
     own = _entrant(options)
     rows = [evaluate(own.policy, own.task, options.episodes, name=own.name, **own.settings)]
-    for name in (REFERENCE, *_rivals(options)):
+    names = compared_with(own.task, options.par)
+    for name in names:
         if own.name != name:
             policy = CONTROLLERS[name].from_env
             rows.append(evaluate(policy, own.task, options.episodes, name=name, **own.same_episodes))
-    par = next((row for row in rows if row.policy in _rivals(options)), None)
+    par = next((row for row in rows if row.policy == PAR), None)
     if options.out is not None:
         options.out.write_text(json.dumps({r.policy: r.to_json(par) for r in rows}, indent=2), encoding="utf-8")
-    print(table(rows, par=par, markdown=False))
+    print(table(rows, names[0], par=par, markdown=False))
 
 
 def _rivals(options: Evaluate | Robustness) -> tuple[str, ...]:
@@ -186,7 +189,10 @@ def benchmark(options: Benchmark) -> None:
     from agents.benchmark.plan import Plan
     from agents.benchmark.report import less_than_kept, write
 
-    plan = Plan(extra=options.controllers, episodes=options.episodes, timesteps=options.timesteps, seeds=options.seeds)
+    plan = Plan(
+        extra=options.controllers, trust=options.trust, episodes=options.episodes, timesteps=options.timesteps,
+        seeds=options.seeds,
+    )  # fmt: skip
     cells = selected(plan.cells(), options.only)
     states = {cell: plan.state(cell, options.out) for cell in cells}
     if options.dry_run:

@@ -15,7 +15,7 @@ __all__ = ["main", "train"]
 
 def train(config: Config) -> dict[str, Any]:
     """Train, evaluate, write the run folder, print the table; returns the contents of results.json."""
-    from agents.catalogue import CONTROLLERS, FLOORS, REFERENCE
+    from agents.catalogue import CONTROLLERS, compared_with
     from agents.cli.pictures import leave_in
     from agents.evaluation.evaluator import evaluate, table
     from agents.learning import load
@@ -34,7 +34,7 @@ def train(config: Config) -> dict[str, Any]:
     # 2. Evaluate the best model, the paper's own policy and the floors, all on the same episodes.
     name = "trained " + run.algorithm.upper()
     rows = [evaluate(load(run.folder), run.task, config.episodes, name=name, **run.held_out)]
-    for other in (REFERENCE, *FLOORS):
+    for other in compared_with(run.task, par=False, floors=True):
         controller = CONTROLLERS[other].from_env
         rows.append(evaluate(controller, run.task, config.episodes, name=other, **run.same_episodes))
 

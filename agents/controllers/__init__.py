@@ -6,6 +6,7 @@
 from .base import Controller
 from .constant_rotation import ConstantRotation
 from .extremum_seeking import ExtremumSeeking
+from .follow_route import FollowRoute, Forward, Hold, RecoverRoute
 from .max_force import MaxForce
 from .mppi import MPPI, MPPISettings
 from .net_force import NetForce
@@ -13,5 +14,6 @@ from .pd import PD
 from .random import Random
 
 __all__ = [
-    "MPPI", "PD", "ConstantRotation", "Controller", "ExtremumSeeking", "MPPISettings", "MaxForce", "NetForce", "Random",
+    "MPPI", "PD", "ConstantRotation", "Controller", "ExtremumSeeking", "FollowRoute", "Forward", "Hold", "MPPISettings",
+    "MaxForce", "NetForce", "Random", "RecoverRoute",
 ]  # fmt: skip

@@ -40,6 +40,7 @@ class Episodes:
     magnet_travel : rad and m summed
     steps : control steps
     unconverged : integration steps whose motion is not to be trusted, see `magwire_env.simulation.readout`
+    wrong_entries : branches off the route that the tip has entered, of a navigating task; NaN elsewhere
     """
 
     policy: str
@@ -57,6 +58,7 @@ class Episodes:
     steps: np.ndarray
     unconverged: np.ndarray
     reward: np.ndarray
+    wrong_entries: np.ndarray
 
     @property
     def tracking(self) -> bool:
@@ -108,6 +110,7 @@ class Episodes:
             "mean_cost_N_steps": float(self.cost.mean()),
             "median_magnet_travel": float(np.median(self.magnet_travel)),
             "mean_reward": float(self.reward.mean()),
+            "mean_wrong_entries": float(self.wrong_entries.mean()),
             "untrusted_episodes": int((self.unconverged > 0).sum()),
         }
 
@@ -127,6 +130,7 @@ class Episodes:
         kinds: dict[str, Any] = {"success": np.bool_, "steps": np.int64, "unconverged": np.int64}
         if "unconverged" not in episodes:  # of an earlier version
             episodes = {**episodes, "unconverged": [0] * len(episodes["success"])}
+        episodes = {"wrong_entries": [None] * len(episodes["success"]), **episodes}
         arrays: dict[str, Any] = {
             f.name: np.array(
                 [np.nan if x is None else x for x in episodes[f.name]], dtype=kinds.get(f.name, np.float64)
@@ -141,7 +145,15 @@ def _no_nan(values: list[Any]) -> list[Any]:
     return [None if x != x else x for x in values]
 
 
-_SUMMARISED = ("time", "rms_error", "peak_lateral_force", "peak_wall_force", "mean_wall_force", "magnet_travel")
+_SUMMARISED = (
+    "time",
+    "rms_error",
+    "peak_lateral_force",
+    "peak_wall_force",
+    "mean_wall_force",
+    "magnet_travel",
+    "wrong_entries",
+)
 
 
 def evaluate(
@@ -214,7 +226,7 @@ def table(rows: list[Episodes], reference: str = "MaxForce", par: Episodes | Non
     """
     tracking = any(row.tracking for row in rows)
     against = next((r for r in rows if r.policy == reference), None)
-    columns = _columns(tracking, reference, against, par)
+    columns = _columns(rows, tracking, reference, against, par)
     lines = [tuple(column.cell(row) for column in columns) for row in rows]
     if markdown:
         head = [column.head for column in columns]
@@ -246,7 +258,9 @@ class _Column:
     cell: Callable[[Episodes], str]
 
 
-def _columns(tracking: bool, reference: str, against: Episodes | None, par: Episodes | None) -> list[_Column]:
+def _columns(
+    rows: list[Episodes], tracking: bool, reference: str, against: Episodes | None, par: Episodes | None
+) -> list[_Column]:
     def mn(of: Callable[[Episodes], float]) -> Callable[[Episodes], str]:
         return lambda row: f"{1e3 * of(row):.1f}"
 
@@ -265,6 +279,8 @@ def _columns(tracking: bool, reference: str, against: Episodes | None, par: Epis
         columns.append(_Column("score (95 %)", "score", lambda row: _between(*row.mean_score(par), digits=3)))
     if not tracking:
         columns.append(_Column("path covered", "path", lambda row: f"{row.path_ratio.mean():.1%}"))
+    if np.isfinite(rows[0].wrong_entries).all():
+        columns.append(_Column("wrong branches entered", "wrong", lambda row: f"{row.wrong_entries.mean():.2f}"))
     return [
         *columns,
         _Column("peak lateral force [mN]", "side", mn(lambda row: row.peak_lateral_force.max())),

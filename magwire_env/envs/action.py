@@ -9,10 +9,11 @@ from ..physics.checks import one_of
 from ..scenario.rig import wrapped
 from ..simulation import Simulator
 from . import kernels
+from .moment import MomentActions
 
 __all__ = ["MODES", "Actuation"]
 
-MODES = ("angle", "rate", "direction")  # in the order of the kernel's numbers for them
+MODES = ("angle", "rate", "direction", "moment")  # the first three in the order of the kernel's numbers for them
 
 
 class Actuation:
@@ -20,14 +21,16 @@ class Actuation:
 
     mode : ``"angle"``, ±1 ↔ home ± π for a turn and the two limits for a slide; ``"rate"``, ±1 ↔ as far as the servo
         goes in one control period, from where it is; ``"direction"``, (cos, sin) of a turn's angle from home, a slide
-        as in ``"angle"``
+        as in ``"angle"``; ``"moment"``, the direction of a magnet's moment, see `MomentActions`
     """
 
     def __init__(self, sim: Simulator, mode: str = "angle") -> None:
         self.mode = one_of("action_mode", mode, MODES)
         self._sim = sim
         self._turns = sim.library.is_turn
+        self._moment = MomentActions(sim) if mode == "moment" else None
         size = sum(2 if turn and mode == "direction" else 1 for turn in self._turns)
+        size = self._moment.size if self._moment else size
         self.space = Box(-1.0, 1.0, (size,), dtype=np.float32)
         self._shape, self._number, self._period = (sim.num_envs, size), MODES.index(mode), sim.control_period
 
@@ -41,9 +44,14 @@ class Actuation:
         """As `command`, into an array (dof, n)."""
         action = _numbers(action, self._shape)
         rig = self._sim.rig
-        lane = kernels.command_of(
-            self._number, np.ascontiguousarray(action), self._turns, self._period, rig.limits, rig.q, command
-        )
+        if self._moment:
+            lane = int(np.isnan(action).any(axis=1).argmax()) if np.isnan(action).any() else -1
+            if lane < 0:
+                command[:] = self._moment.command(np.clip(action, -1.0, 1.0)).T
+        else:
+            lane = kernels.command_of(
+                self._number, np.ascontiguousarray(action), self._turns, self._period, rig.limits, rig.q, command
+            )
         if lane >= 0:
             raise ValueError(f"action[{lane}] must be numbers in [-1, 1], got {action[lane].tolist()}")
 
@@ -54,6 +62,8 @@ class Actuation:
     def action(self, command: np.ndarray) -> np.ndarray:
         """The action that gives a command: (n, dof) rad and m → (n, size) float32. What model-based controllers use."""
         sim = self._sim
+        if self._moment:
+            return self._moment.action(command).astype(np.float32)
         speed, low, high = sim.library.limits.of(sim.lane_scenario)
         if self.mode == "rate":
             reach = speed * sim.control_period

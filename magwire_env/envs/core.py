@@ -22,6 +22,7 @@ from . import kernels
 from .action import Actuation
 from .episodes import Episodes
 from .kernels import VALUE
+from .navigation import Navigation
 from .observation import CHANNELS, Observer
 from .readings import Readings
 from .rewards import TERMS, RewardTerm, RewardWeights, checked_terms, info_name
@@ -80,6 +81,7 @@ class SteeringCore:
         self.step_limit = max(1, round(self.time_limit / self.sim.control_period))
         self.actuation = Actuation(self.sim, self.task.action_mode if action_mode is None else action_mode)
         self.episodes = Episodes(self.sim, self.task, self.step_limit)
+        self.navigation = Navigation(self.sim, self.task) if self.task.kind.navigates else None
         self.observer = Observer(self.sim, self.episodes, self.task.observe if observe is None else observe)
         self._readings = Readings(self.sim, self.observer, self.step_limit)
         self._watches_rig = any(CHANNELS[name].watches_rig for name in self.observer.names)
@@ -136,6 +138,8 @@ class SteeringCore:
         magnet = magnet if held is None else held
         if options:
             start, goal, magnet = self._overridden(options, lanes, entries, start, goal, magnet)
+        if self.navigation:
+            magnet = self.navigation.rig_over(entries, start, magnet)
         if self._draws_scenario or self._varies:
             sim.assign(lanes, entries)
         if self._varies:
@@ -164,6 +168,8 @@ class SteeringCore:
         """
         self.sim.lay(lanes, start, magnet, goal)
         self.episodes.begin(lanes, reference, final)
+        if self.navigation:
+            self.navigation.begin(lanes)
         self.action[lanes] = 0.0
 
     def _vary(self, lanes: np.ndarray, entries: np.ndarray, rngs: Sequence[np.random.Generator]) -> None:
@@ -189,12 +195,16 @@ class SteeringCore:
         magnet: np.ndarray,
     ) -> tuple[Places, Places, np.ndarray]:
         kind, n = self.task.kind, self.sim.num_envs
-        if unknown := set(options) - set(OPTIONS):
-            raise ValueError(f"options must be of {', '.join(OPTIONS)}; got {min(unknown)!r}")
+        if unknown := set(options) - set(kind.takes if self.navigation else OPTIONS):
+            known = kind.takes if self.navigation else OPTIONS
+            raise ValueError(f"options must be of {', '.join(known)}; got {min(unknown)!r}")
         if not set(options) <= set(kind.takes):
             raise ValueError(
                 f"options must be of {', '.join(kind.takes)} alone in the task {self.task.id}, which fixes the rest"
             )
+        magnet = self._magnet_option(options, lanes, magnet)
+        if self.navigation:
+            return *self.navigation.overridden(options, lanes, entries, start, goal), magnet
         end = self.sim.library.tract_length[entries]
         tip, target = start.s, goal.s
         if "target" in options:
@@ -211,16 +221,21 @@ class SteeringCore:
                 f"options['tip_arclength'] must lie in [0, {'target' if kind.passes else 'tract end'}) "
                 f"with the target at {target.min():.4g} (in m), got {tip.tolist()}"
             )
-        if "magnet_angle" in options:
-            magnet = _per_lane(
-                "magnet_angle", options["magnet_angle"], n, (self.sim.dof,), "rad for turns, m for slides"
-            )[lanes]
-            if np.abs(magnet).max() > FARTHEST_SETTING:
-                raise ValueError(
-                    f"options['magnet_angle'] must lie within ±{FARTHEST_SETTING:g} (rad for turns, m for slides), "
-                    f"got {options['magnet_angle']!r}"
-                )
         return Places(tip, start.branch), Places(target, goal.branch), magnet
+
+    def _magnet_option(self, options: dict[str, Any], lanes: np.ndarray, magnet: np.ndarray) -> np.ndarray:
+        if "magnet_angle" not in options:
+            return magnet
+        shape = (self.sim.dof,)
+        magnet = _per_lane(
+            "magnet_angle", options["magnet_angle"], self.sim.num_envs, shape, "rad for turns, m for slides"
+        )[lanes]
+        if np.abs(magnet).max() > FARTHEST_SETTING:
+            raise ValueError(
+                f"options['magnet_angle'] must lie within ±{FARTHEST_SETTING:g} (rad for turns, m for slides), "
+                f"got {options['magnet_angle']!r}"
+            )
+        return magnet
 
     def reference_ahead(self, offsets: Sequence[float]) -> np.ndarray:
         """A tracking task's reference `offsets` s from now, (n, len(offsets)) m."""
@@ -237,6 +252,8 @@ class SteeringCore:
             episodes.move_goals()
         before = sim.magnet if self._watches_rig else None
         sim.advance()
+        if self.navigation:
+            self.navigation.moved()
         if before is not None:
             episodes.turned = self.actuation.turned(before)
         values = np.empty((len(VALUE), episodes.lanes.shape[1]))
@@ -284,6 +301,8 @@ class SteeringCore:
             info[name] = values[row]
         if self._fed:
             info.update(self._of_base(lane))
+        if self.navigation:
+            info.update(self.navigation.info(lane))
         if self.own_terms:
             info.update({k: v if lane is None else v[lane].item() for k, v in self.own_terms.items()})
         if self.varied:
@@ -307,6 +326,8 @@ class SteeringCore:
 
     def start_info(self, lane: int | None = None) -> dict[str, Any]:
         """`info` of a reset: the target (m), and what was drawn."""
+        if self.navigation:
+            return {**self.navigation.start_info(lane), **self.drawn(lane)}
         return {"target": self.goal if lane is None else self.sim.goal_of(lane), **self.drawn(lane)}
 
     def summary(self, lanes: np.ndarray) -> dict[str, np.ndarray]:
@@ -319,6 +340,8 @@ class SteeringCore:
             summary[name] = summary[name].astype(np.int64)
         if not kind.follows:
             del summary["rms_error"]
+        if self.navigation:
+            summary |= self.navigation.summary(summary)
         if not kind.returns:
             del summary["time_in"], summary["time_back"]
         return summary

@@ -193,8 +193,10 @@ def judge(n, rule, readout, trace, step_limit, period, tolerance, hold, safe, we
             for_time = for_time * share
         wall, peak = load(readout, ROW.mean_wall, lane), load(readout, ROW.peak_wall, lane)
         cost = maximum(peak - load(lanes, EPISODE.wall_limit, lane), 0.0)
+        # What a feed has inserted is inside, however far the way back out of a wrong branch is.
         travelled = load(readout, ROW.travelled, lane)
-        outside = where(travelled > load(lanes, EPISODE.far, lane), 1.0, where(travelled < 0.0, 1.0, 0.0 * travelled))
+        inside = travelled + load(readout, ROW.inserted, lane)
+        outside = where(travelled > load(lanes, EPISODE.far, lane), 1.0, where(inside < 0.0, 1.0, 0.0 * travelled))
         terminated = where(outside > 0.0, 1.0, success if rule != FOLLOW else 0.0 * success)
         terminated = where(safe * cost > 0.0, 1.0, terminated)
         success = where(safe * cost > 0.0, 0.0, success)

@@ -35,6 +35,7 @@ class Kind:
     rule : when an episode is done: `kernels.PASS`, the tip has passed the goal at any substep; `HOLD`, it has stayed
         within the tolerance for the task's hold; `FOLLOW`, not before the time limit
     draws : how many uniform numbers a beginning is made from
+    navigates : the tip must find its way to a branch of a tree, see `magwire_env.envs.navigation`
     returns : having passed the goal, the tip must come back to `final`, and pass that place
     ends_far : the episode ends when the tip leaves the tract by its far end, as it does at the inlet
     directions : the ways along the tract a wire may have to go, 1 forwards and −1 backwards
@@ -44,6 +45,7 @@ class Kind:
     name: ClassVar[str]
     rule: ClassVar[int]
     draws: ClassVar[int]
+    navigates: ClassVar[bool] = False
     returns: ClassVar[bool] = False
     ends_far: ClassVar[bool] = False
     directions: ClassVar[tuple[int, ...]] = (1,)

@@ -37,6 +37,7 @@ def lanes_state(env: MagWireVectorEnv) -> dict[str, Any]:
         "turned": core.episodes.turned.copy(),
         "action": core.action.copy(),
         "readings": core._readings.history(),
+        "navigation": core.navigation.state() if core.navigation else {},
     }
 
 
@@ -58,6 +59,8 @@ def load_lanes(env: MagWireVectorEnv, state: dict[str, Any]) -> None:
         core.episodes.turned[:] = state["turned"]
         core.action[:] = state["action"]
         core._readings.load_history(state["readings"])
+        if core.navigation:
+            core.navigation.load_state(state["navigation"])
         env._ended[:] = state["ended"]
         env._started = bool(state["started"])
         env.began[:] = state["began"]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -11,21 +10,30 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from ..quasistatic.preview import DrivePreview
+from ..quasistatic.sight import SightPreview
 from ..simulation import Simulator
 from ..simulation.lanes import LANES
 from ..simulation.readout import ROW
 from . import kernels
+from .channel import (
+    FORCE_SCALE,
+    LENGTH_SCALE,
+    SPEED_SCALE,
+    TORQUE_SCALE,
+    WALL_SCALE,
+    Channel,
+    Number,
+    Reader,
+    always,
+    rows_of,
+)
+from .route_channels import ROUTE_CHANNELS
 
 if TYPE_CHECKING:
     from .episodes import Episodes
 
 __all__ = ["CHANNELS", "Channel", "Number", "Observer", "Reader", "register_channel"]
 
-FORCE_SCALE = 10e-3
-SPEED_SCALE = 0.1
-TORQUE_SCALE = 1e-3
-WALL_SCALE = 0.1
-LENGTH_SCALE = 0.1
 PREVIEW_OFFSETS = (0.0, 0.01, 0.02, 0.04, 0.06, 0.08)
 """m ahead of the tip at which `tract_preview` looks."""
 
@@ -34,53 +42,6 @@ CLOSE_SCALES = (5e-3, 0.02, 0.1)
 
 REFERENCE_OFFSETS = (0.0, 0.5, 1.0, 2.0)
 """s ahead at which `reference_preview` looks."""
-
-_ELSEWHERE = -1
-"""Kind of a number that no kernel fills in: the channel's reader does."""
-
-Reader = Callable[[Simulator, "Episodes"], np.ndarray]
-"""(n, size), already scaled."""
-
-
-@dataclass(frozen=True)
-class Number:
-    """One number of the observation, as `kernels.observe` fills it in.
-
-    kind : of `kernels`, or `_ELSEWHERE`
-    row : which row of the readout (for ``RESULT``), or which degree of freedom
-    scale : what a result is divided by; 0 for the route's length
-    quantity : of `Sensing`, whose errors it suffers; empty for none
-    label : for people, where the numbers of a channel differ
-    """
-
-    kind: int = _ELSEWHERE
-    row: int = 0
-    scale: float = 1.0
-    quantity: str = ""
-    label: str = ""
-
-
-@dataclass(frozen=True)
-class Channel:
-    """A named part of the observation.
-
-    bound : its numbers lie in [−bound, bound]; values beyond are clipped
-    text : what it is, with its scale
-    numbers : simulator → its numbers
-    reader : for numbers that no kernel fills in: simulator → `Reader`
-    watches_rig : it needs `Episodes.turned`
-    """
-
-    bound: float
-    text: str
-    numbers: Callable[[Simulator], Sequence[Number]]
-    reader: Callable[[Simulator], Reader] | None = None
-    watches_rig: bool = False
-
-
-def _results(sim: Simulator, row: int, scale: float, quantity: str, count: int = 1) -> Sequence[Number]:
-    """`count` rows of the readout from `row` on, over `scale`."""
-    return [Number(kernels.RESULT, row + i, scale, quantity) for i in range(count)]
 
 
 def _of_route(sim: Simulator, kind: int) -> Sequence[Number]:
@@ -138,6 +99,20 @@ class _DriveReader:
         return self._preview.read() / FORCE_SCALE
 
 
+def _sights(sim: Simulator) -> Sequence[Number]:
+    return [Number(quantity="length")] * SightPreview(sim, np.array(PREVIEW_OFFSETS), LENGTH_SCALE).size
+
+
+class _SightReader:
+    """`SightPreview` over the length scale."""
+
+    def __init__(self, sim: Simulator) -> None:
+        self._preview = SightPreview(sim, np.array(PREVIEW_OFFSETS), LENGTH_SCALE)
+
+    def __call__(self, sim: Simulator, episodes: Episodes) -> np.ndarray:
+        return self._preview.read()
+
+
 def _reference_numbers(sim: Simulator) -> Sequence[Number]:
     return [Number(scale=LENGTH_SCALE, quantity="length")] * len(REFERENCE_OFFSETS)
 
@@ -154,43 +129,36 @@ def _close(sim: Simulator, episodes: Episodes) -> np.ndarray:
     return np.tanh(sim.remaining[:, None] / np.array(CLOSE_SCALES))
 
 
-def _always(reader: Reader) -> Callable[[Simulator], Reader]:
-    """A reader that needs no preparation."""
-    return partial(_given, reader)
-
-
-def _given(reader: Reader, sim: Simulator) -> Reader:
-    return reader
-
-
-def _rows(row: int, scale: float, quantity: str, count: int = 1) -> Callable[[Simulator], Sequence[Number]]:
-    return partial(_results, row=row, scale=scale, quantity=quantity, count=count)
-
-
 CHANNELS: dict[str, Channel] = {
     "tip_arclength": Channel(2, "tip arc length / tract length", partial(_of_route, kind=kernels.TRAVELLED)),
-    "tip_speed": Channel(10, "tip speed along the tract / 0.1 m/s", _rows(ROW.speed, SPEED_SCALE, "speed")),
-    "drive_force": Channel(10, "drive along the tract / 10 mN", _rows(ROW.drive, FORCE_SCALE, "force")),
-    "lateral_force": Channel(10, "magnetic force across the tract / 10 mN", _rows(ROW.lateral, FORCE_SCALE, "force")),
+    "tip_speed": Channel(10, "tip speed along the tract / 0.1 m/s", rows_of(ROW.speed, SPEED_SCALE, "speed")),
+    "drive_force": Channel(10, "drive along the tract / 10 mN", rows_of(ROW.drive, FORCE_SCALE, "force")),
+    "lateral_force": Channel(10, "magnetic force across the tract / 10 mN", rows_of(ROW.lateral, FORCE_SCALE, "force")),
     "magnet": Channel(1, "each turn's angle from home (sin, cos); each slide over its range", _magnet),
     "magnet_speed": Channel(
         1, "how far each degree of freedom moved in the last control period / what its servo covers in one",
-        _magnet_speeds, _always(_turned), watches_rig=True,
+        _magnet_speeds, always(_turned), watches_rig=True,
     ),
     "distance_left": Channel(2, "way left to the goal / tract length", partial(_of_route, kind=kernels.DISTANCE_LEFT)),
+    "tip_force": Channel(10, "magnetic force on the tip, x y z / 10 mN", rows_of(ROW.force_x, FORCE_SCALE, "force", 3)),
+    "tip_torque": Channel(10, "magnetic torque on the tip / 1 mN·m", rows_of(ROW.torque, TORQUE_SCALE, "torque")),
+    "wall_force": Channel(10, "force on the wall / 0.1 N", rows_of(ROW.wall, WALL_SCALE, "force")),
+    "tip_position": Channel(10, "tip, x y z / 0.1 m", rows_of(ROW.tip_x, LENGTH_SCALE, "length", 3)),
+    "tip_tangent": Channel(1, "direction of the tip's moment", rows_of(ROW.tangent_x, 1.0, "", 3)),
     "goal_close": Channel(
         1, "way left to the goal / 5, 20 and 100 mm, each through tanh: fine where the goal is close",
-        _close_numbers, _always(_close),
+        _close_numbers, always(_close),
     ),
-    "tip_force": Channel(10, "magnetic force on the tip, x y z / 10 mN", _rows(ROW.force_x, FORCE_SCALE, "force", 3)),
-    "tip_torque": Channel(10, "magnetic torque on the tip / 1 mN·m", _rows(ROW.torque, TORQUE_SCALE, "torque")),
-    "wall_force": Channel(10, "force on the wall / 0.1 N", _rows(ROW.wall, WALL_SCALE, "force")),
-    "tip_position": Channel(10, "tip, x y z / 0.1 m", _rows(ROW.tip_x, LENGTH_SCALE, "length", 3)),
-    "tip_tangent": Channel(1, "direction of the tip's moment", _rows(ROW.tangent_x, 1.0, "", 3)),
     "tract_preview": Channel(
         10, "centreline 0, 10, 20, 40, 60, 80 mm ahead of the tip: points from the first magnet's centre / 0.1 m, "
         "then tangents",
-        _preview_numbers, _always(_preview),
+        _preview_numbers, always(_preview),
+    ),
+    "magnet_preview": Channel(
+        10, "how every magnet stands to the centreline 0, 10, 20, 40, 60, 80 mm ahead of the tip, without force: the "
+        "line from it (in place of its second number the distance / 0.1 m), its moment's direction, what a radian of "
+        "each turn adds to that, and the axis of each slide, along tangent, line and curvature vector · 0.1 m",
+        _sights, _SightReader,
     ),
     "drive_preview": Channel(
         10, "drive 0, 10, 20, 40, 60, 80 mm ahead of the tip / 10 mN, each followed by its slope by every degree of "
@@ -199,8 +167,9 @@ CHANNELS: dict[str, Channel] = {
     ),
     "reference_preview": Channel(
         10, "a tracking task's reference now, in 0.5, 1 and 2 s, from the tip / 0.1 m",
-        _reference_numbers, _always(_reference),
+        _reference_numbers, always(_reference),
     ),
+    **ROUTE_CHANNELS,
 }  # fmt: skip
 
 
@@ -223,7 +192,7 @@ def register_channel(name: str, size: int, read: Reader, bound: float = 10.0, te
         raise ValueError(f"name must be of a channel that does not exist yet, got {name!r}")
     if isinstance(size, bool) or not isinstance(size, int) or size < 1:
         raise ValueError(f"size must be a whole number of at least 1, got {size!r}")
-    CHANNELS[name] = Channel(bound, text or name, partial(_numbers_of_own, size=size), _always(read))
+    CHANNELS[name] = Channel(bound, text or name, partial(_numbers_of_own, size=size), always(read))
 
 
 def _numbers_of_own(sim: Simulator, size: int) -> Sequence[Number]:

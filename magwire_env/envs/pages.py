@@ -26,16 +26,24 @@ ABOUT = {
     "Orient": "Steer along a tract never seen before, with a fixed magnet that turns to any direction.",
     "Chase": "Steer along a tract never seen before, with a magnet that slides above it and follows the tip.",
     "Hard": "Steer along a tract never seen before, where the best command leaves less than 0.3 mN somewhere.",
+    "Navigate": "Bring the tip of a wire that is fed into the aortic arch into the branch drawn for the episode.",
     "Dual": "Steer along a tract never seen before, with one turning magnet above it and one below.",
 }
 """By a task's name, what it asks."""
 
 
 _VERSIONS = {
-    "MagWire/Steer-v1": "* v1: in and back out; holding the magnet at home passes v0\n* v0: first, the way in alone",
-    "MagWire/SteerAny-v1": "* v1: only tracts that no held command crosses; its magnet is turned by rates\n* v0: first",
+    "MagWire/Steer-v1": "* v1: in and back out, holding the magnet at home passes v0; takes the magnet's direction, "
+    "which has no seam half a turn from home\n* v0: first, the way in alone",
+    "MagWire/SteerAny-v1": "* v1: only tracts that no held command crosses; shows how the magnet stands to the "
+    "tract ahead, and turns it by rates\n* v0: first",
     "MagWire/Hard-v1": "* v1: first; only tracts that no held command crosses",
-    "MagWire/Reach-v1": "* v1: starts and targets where the tip can stand; the far end ends the episode; "
+    **dict.fromkeys(
+        ("MagWire/Orient-v1", "MagWire/Chase-v1", "MagWire/Dual-v1"),
+        "* v1: shows how the magnets stand to the tract ahead, and moves them by rates; the tracts are those of v0\n"
+        "* v0: first",
+    ),
+    "MagWire/Reach-v1": "* v1: starts and targets where the tip can stand, held for 2 s; the far end ends the episode; "
     "the way left is also shown finely; the magnet is turned by rates\n* v0: first",
     "MagWire/Track-v1": "* v1: the magnet starts where it holds the tip; the far end ends the episode; "
     "the magnet is turned by rates\n* v0: first",
@@ -93,15 +101,12 @@ def page(task_id: str) -> str:
     )
     rewards = "\n".join(f"* ``{info_name(term.name)}``: {term.weight:g} {term.text}" for term in TERMS)
     sections = {
-        "Description": [
-            f"{kind.__doc__} The magnetic tip of a soft wire is pulled along a tract by external magnets; the wire is "
-            f"locked to the tract's centreline, and the coupling is {scenario.coupling!r}, see `Scenario`."
-        ],
+        "Description": [f"{kind.__doc__} {_FED if kind.navigates else _DRAGGED.format(scenario.coupling)}"],
         "Observation Space": [
             "`Box(float32)`; other channels by name with `observe=`, see `magwire_env.envs.observation.CHANNELS`.",
             _observation_table(task, scenario),
         ],
-        "Action Space": [_ACTIONS, _action_table(scenario)],
+        "Action Space": [_ACTIONS, _action_table(scenario, task.action_mode)],
         "Dynamics": [
             "The scenario's wire model, by default Algorithm 1 of the paper, see "
             f"`magwire_env.simulation.locked.algorithm1`: {scenario.timing.control_period:g} s a control step."
@@ -125,6 +130,14 @@ def page(task_id: str) -> str:
     return indent("\n\n".join(parts), "    ").strip() + "\n    "
 
 
+_DRAGGED = (
+    "The magnetic tip of a soft wire is pulled along a tract by external magnets; the wire is locked to the tract's "
+    "centreline, and the coupling is {!r}, see `Scenario`."
+)
+_FED = (
+    "The wire is a rod in space that touches the walls with friction, is fed from its base, and is turned by a magnet "
+    "outside; see `magwire_env.simulation.free` and `magwire_env.envs.arenas`."
+)
 _ACTIONS = (
     "Numbers beyond ±1 are clipped, NaN is refused. A servo moves each degree of freedom there at its limited speed, a "
     'turn the short way round. `action_mode="rate"` commands the motion in one control period instead, `"direction"` '
@@ -179,8 +192,9 @@ def _observation_table(task: Task, scenario: Scenario) -> str:
     return "\n".join(["| Num | Observation | Min | Max | Unit |", "|-----|---|---|---|---|", *lines])
 
 
-def _action_table(scenario: Scenario) -> str:
-    lines = [f"| {number} | {text} | -1 | 1 | {unit} |" for number, (text, unit) in enumerate(action_rows(scenario))]
+def _action_table(scenario: Scenario, mode: str) -> str:
+    rows = moment_rows(scenario) if mode == "moment" else action_rows(scenario)
+    lines = [f"| {number} | {text} | -1 | 1 | {unit} |" for number, (text, unit) in enumerate(rows)]
     return "\n".join(["| Num | Action | Min | Max | ±1 stands for |", "|-----|---|---|---|---|", *lines])
 
 
@@ -194,6 +208,21 @@ def action_rows(scenario: Scenario) -> list[tuple[str, str]]:
             unit = {Slide: "m", Feed: "m", Twist: "rad"}.get(type(dof), "A")
             rows.append((name, f"{dof.low:.3g} and {dof.high:.3g} {unit}"))
     return rows
+
+
+def moment_rows(scenario: Scenario) -> list[tuple[str, str]]:
+    """As `action_rows`, of the action mode "moment"."""
+    rows = []
+    for m in range(len(scenario.rig.magnets)):
+        rows += [(f"moment of magnet {m} along {axis}; its slides follow the tip", "a direction") for axis in "xyz"]
+    rows += [
+        (f"current of coil {c} along {coil.axis}", f"{coil.current.low:.3g} and {coil.current.high:.3g} A")
+        for c, coil in enumerate(scenario.rig.coils)
+    ]
+    base = (("feed", "m", scenario.rig.feed), ("twist", "rad", scenario.rig.twist))
+    return rows + [
+        (name, f"{dof.speed * scenario.timing.control_period:.3g} {unit} a step") for name, unit, dof in base if dof
+    ]
 
 
 if __name__ == "__main__":

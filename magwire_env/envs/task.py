@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from ..physics.checks import positive
 from ..quasistatic.certificate import GOAL_MARGIN, START_SPREAD
 from ..scenario import Scenario
+from . import arenas
 from .kinds import KINDS, Kind
+from .navigation import Navigate
 from .rewards import RewardWeights
 
 __all__ = ["DEFAULT_CHANNELS", "TASKS", "RewardWeights", "Task", "known_task", "register_task"]
@@ -66,12 +68,20 @@ class Task:
 
 
 _AHEAD = (*DEFAULT_CHANNELS, "tract_preview")
+_SIGHT = (*DEFAULT_CHANNELS[1:], "magnet_preview")
+"""Where on which tract the tip is, a policy is not told: it would learn its training tracts by heart."""
+
 _STEER, _IN_AND_OUT, _REACH, _TRACK, _REACH_STANDING, _TRACK_STANDING = KINDS.values()
 
 _TURNING_ROOM = 0.09
 """The far goal of Steer-v1 lies this far before the tract's end, m: a tip that arrives at full speed coasts up to 50 mm
 while the magnet turns round. With the goal 10 mm before the end it coasts out of the tract, where the magnet's pull is
 weak, and `MaxForce`, `NetForce` and `PD` never come back (0 of 20 episodes each)."""
+
+_TREE = (
+    "route_from_magnet", "tip_tangent", "magnet_pose", "tip_points", "contact", "base", "astray", "distance_left",
+)  # fmt: skip
+"""What a policy of a navigating task sees where the task says nothing else."""
 
 TASKS = {
     task.id: task
@@ -83,11 +93,18 @@ TASKS = {
         Task("MagWire/Orient-v0", _STEER, pool="Orient", time_limit=60.0, observe=_AHEAD),
         Task("MagWire/Chase-v0", _STEER, pool="Chase", time_limit=60.0, observe=_AHEAD),
         Task("MagWire/Dual-v0", _STEER, pool="Dual", time_limit=60.0, observe=_AHEAD),
-        Task("MagWire/Steer-v1", _IN_AND_OUT, Scenario.paper, goal_margin=_TURNING_ROOM),
+        Task(
+            "MagWire/Steer-v1",
+            _IN_AND_OUT,
+            Scenario.paper,
+            goal_margin=_TURNING_ROOM,
+            action_mode="direction",
+        ),
         Task(
             "MagWire/Reach-v1",
             _REACH_STANDING,
             Scenario.paper,
+            hold=2.0,
             observe=(*DEFAULT_CHANNELS, "goal_close"),
             action_mode="rate",
         ),
@@ -98,8 +115,17 @@ TASKS = {
             observe=(*DEFAULT_CHANNELS, "reference_preview"),
             action_mode="rate",
         ),
-        Task("MagWire/SteerAny-v1", _STEER, pool="SteerAny-v1", time_limit=60.0, observe=_AHEAD, action_mode="rate"),
-        Task("MagWire/Hard-v1", _STEER, pool="Hard-v1", time_limit=60.0, observe=_AHEAD, action_mode="rate"),
+        *(
+            Task(f"MagWire/{name}-v1", _STEER, pool=pool, time_limit=60.0, observe=_SIGHT, action_mode="rate")
+            for name, pool in (
+                ("SteerAny", "SteerAny-v1"),
+                ("Hard", "Hard-v1"),
+                ("Orient", "Orient"),
+                ("Chase", "Chase"),
+                ("Dual", "Dual"),
+            )
+        ),
+        Task("MagWire/Navigate-v0", Navigate(), arenas.arch, time_limit=20.0, observe=_TREE, action_mode="moment"),
     )
 }
 

@@ -270,9 +270,19 @@ class Lumen:
         distance, gradient = self.wall.distance(xyz)
         if self._entry is None:
             return distance, gradient
-        through, along = self._entry.distance(xyz)
-        better = through > distance
-        return np.where(better, through, distance), np.where(better[:, None], along, gradient)
+        near = np.flatnonzero(self._most_of_entry(xyz) > distance)
+        through, along = self._entry.distance(xyz[near])
+        better = near[through > distance[near]]
+        distance[better], gradient[better] = through[through > distance[near]], along[through > distance[near]]
+        return distance, gradient
+
+    def _most_of_entry(self, xyz: np.ndarray) -> np.ndarray:
+        """More than the distance that the way in gives, (n, 3) m → (n,) m: from the ray out of the ball about it."""
+        way = self._entry.branches[0]
+        out = xyz - way.curve.position(way.length)
+        behind = np.minimum(out @ way.curve.tangent(0.0), 0.0)
+        ray = out - behind[:, None] * way.curve.tangent(0.0)
+        return 2.0 * way.length + way.widest - np.linalg.norm(ray, axis=1)
 
     @cached_property
     def _entry(self) -> Any:

@@ -61,10 +61,13 @@ def _blunt(points: np.ndarray, radii: np.ndarray, at_start: bool, at_end: bool) 
 
     def kept(radii: np.ndarray, steps: np.ndarray) -> int:
         """How many points at the end to drop."""
-        for i in range(len(radii) - 3):
-            behind = np.interp(steps[i] + radii[i], steps, radii)
-            if radii[i] >= 0.93 * behind:
-                return i
+        for share, most in ((0.97, 1.5), (0.93, np.inf)):
+            for i in range(len(radii) - 3):
+                behind, farther = np.interp(steps[i] + radii[i] * np.array([1.0, 2.0]), steps, radii)
+                if steps[i] > most * behind:
+                    break
+                if radii[i] >= share * min(behind, 2.0 * behind - farther):  # a tube that tapers goes on as it does
+                    return i
         return 0
 
     steps = np.r_[0.0, np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum()]

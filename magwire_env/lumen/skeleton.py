@@ -31,6 +31,9 @@ _COVER = 1.25
 _POINTED = 0.65
 """A branch ends where its radius falls below this share of what it was just before."""
 
+_LEVEL = 4.0
+"""A tube is level for so many of its radii at least: it widens by less than half there."""
+
 _MOST_BRANCHES = 400
 
 Progress = Callable[[float, str], None]
@@ -170,9 +173,10 @@ def _tree(
         out = path[: int(np.argmin(left.open[path]))] if not left.open[path].all() else path[:-1]
         joint = float(left.by[path[len(out)]])
         stick = far[tip] - far[out[-1]] + (_COVER - 1.0) * joint
-        settled = out[_end_of(graph, out)]
+        end = _end_of(graph, out)
+        settled = out[end]
         left_over = far[settled] - far[out[-1]] + (_COVER - 1.0) * joint
-        pointed = graph.radii[settled] < 0.6 * np.median(graph.radii[out[-max(3, len(out) // 3) :]])
+        pointed = _pointed(graph, out[end:])
         if stick >= _SPUR * joint and left_over >= 0.7 * _SPUR * joint and not (pointed and stick < 6 * joint):
             add(settled)
             left.cover(paths[-1][0])
@@ -184,6 +188,15 @@ def _tree(
     if dropped:
         notes.append(f"{dropped} short or pointed spurs of less than their parent's radius are dropped")
     return _wider_goes_on(graph, [path for path, _ in paths])
+
+
+def _pointed(graph: Balls, path: list[int]) -> bool:
+    """A path from its end inwards narrows towards the end all the way, as in a corner of the wall: it is no tube."""
+    radii = graph.radii[path]
+    if radii[0] >= 0.6 * np.median(radii[-max(3, len(radii) // 3) :]):
+        return False
+    steps = np.r_[0.0, np.linalg.norm(np.diff(graph.centres[path], axis=0), axis=1).cumsum()]
+    return float(steps[int((radii > 1.5 * radii[0]).argmax())]) < _LEVEL * float(radii[0])
 
 
 def _wider_goes_on(graph: Balls, paths: list[list[int]]) -> list[tuple[list[int], int]]:

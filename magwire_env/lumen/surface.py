@@ -15,6 +15,10 @@ from .extra import anatomy_library
 __all__ = ["Surface", "boundary_loops", "edge_uses", "pieces"]
 
 
+_FEW = 64
+"""Points that are simply asked, each for itself."""
+
+
 class Surface:
     """A closed surface of triangles whose normals point out of the lumen; a wall of a `Lumen`. Equal by value.
 
@@ -80,7 +84,7 @@ class Surface:
     def distance(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Signed distance, positive inside, and its gradient: (n, 3) m → (n,) m, (n, 3)."""
         gap, _, closest = self.closest(xyz)
-        inside = self.inside(xyz)
+        inside = self._inside_of(xyz, gap)
         away = np.where(inside[:, None], xyz - closest, closest - xyz)
         gradient = np.divide(away, gap[:, None], out=np.zeros_like(away), where=gap[:, None] > 1e-12)
         flat = np.flatnonzero(gap <= 1e-12)
@@ -96,6 +100,35 @@ class Surface:
     def inside(self, xyz: np.ndarray) -> np.ndarray:
         """Whether points lie inside: (n, 3) m → (n,)."""
         return anatomy_library("igl").fast_winding_number(self.vertices, self.faces, _fortran(xyz)) > 0.5
+
+    def _inside_of(self, xyz: np.ndarray, gap: np.ndarray) -> np.ndarray:
+        """As `inside`, for points whose distance from the surface is known: (n, 3) m, (n,) m → (n,).
+
+        A winding number costs several times what a distance does. Two points that are closer to each other than their
+        distances from the surface together lie on one side of it, so one point of a cube is asked for its neighbours.
+        """
+        found = np.empty(len(xyz), dtype=bool)
+        left = np.arange(len(xyz))
+        edge = float(gap.max(initial=0.0))
+        while len(left) > _FEW and edge > 0.0:
+            cube = np.floor((xyz[left] - xyz[left].min(axis=0)) / edge).astype(np.int64)
+            shape = cube.max(axis=0) + 1
+            key = (cube[:, 0] * shape[1] + cube[:, 1]) * shape[2] + cube[:, 2]
+            order = np.lexsort((-gap[left], key))
+            first = np.r_[True, np.diff(key[order]) != 0]
+            if first.sum() > len(left) / 2:
+                break
+            left = left[order]
+            asked = left[first]
+            answer = self.inside(xyz[asked])
+            which = np.cumsum(first) - 1
+            apart = np.linalg.norm(xyz[left] - xyz[asked][which], axis=1)
+            sure = first | (apart < 0.999 * (gap[left] + gap[asked][which]))
+            found[left[sure]] = answer[which[sure]]
+            left, edge = left[~sure], edge / 2
+        if len(left):
+            found[left] = self.inside(xyz[left])
+        return found
 
     @cached_property
     def normals(self) -> np.ndarray:

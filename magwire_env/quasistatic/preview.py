@@ -86,36 +86,52 @@ def across(axis, vector, out):
     out[axis], out[i], out[j] = 0.0, -y, x
 
 
+REST, ONCE, MOMENT, FIRST, SECOND, CENTRE = range(6)
+"""Rows of `stand`'s work: the moment at rest, after the first turn, as it is; how each turn moves it; the centre."""
+
+
+@kernel
+def stand(slots, m, magnet, q, lane, work):
+    """Where magnet `m` of a lane stands, and how its turns move its moment, into `work` (6, 3).
+
+    The row `REST` is given, a unit vector; a turn that is not there leaves its row as it is.
+    """
+    first, second = slots[m, SLOT.turn_1], slots[m, SLOT.turn_2]
+    for axis in range(3):
+        d = slots[m, SLOT.slide_x + axis]
+        work[CENTRE, axis] = magnet[MAGNET.centre_x + axis] + (q[d, lane] if d >= 0 else 0.0)
+        work[ONCE, axis] = work[REST, axis]
+    if first >= 0:
+        turned_about(slots[m, SLOT.axis_1], q[first, lane], work[REST], work[ONCE])
+        across(slots[m, SLOT.axis_1], work[ONCE], work[FIRST])
+    for axis in range(3):
+        work[MOMENT, axis] = work[ONCE, axis]
+    if second >= 0:  # the second turn carries the first one's slope along
+        turned_about(slots[m, SLOT.axis_2], q[second, lane], work[ONCE], work[MOMENT])
+        across(slots[m, SLOT.axis_2], work[MOMENT], work[SECOND])
+        if first >= 0:
+            for axis in range(3):
+                work[ONCE, axis] = work[FIRST, axis]
+            turned_about(slots[m, SLOT.axis_2], q[second, lane], work[ONCE], work[FIRST])
+
+
 @kernel
 def drive_of_magnet(at, slots, m, magnet, q, lane, tip, reach, work, seen):
     """Add one magnet's drive at one place, and its slopes, to `seen` (1 + dof,).
 
     tip : the tip's moment, A·m², and 1 under `wrench`
-    work : (5, 3), to work in; its first row is the magnet's moment at rest
+    work : as `stand`'s
     """
-    rest, once, moment, moved, centre = work[0], work[1], work[2], work[3], work[4]
     strength, wrench = magnet[MAGNET.strength] * tip[0], tip[1]
-    first, second = slots[m, SLOT.turn_1], slots[m, SLOT.turn_2]
-    for axis in range(3):
-        d = slots[m, SLOT.slide_x + axis]
-        centre[axis] = magnet[MAGNET.centre_x + axis] + (q[d, lane] if d >= 0 else 0.0)
-        once[axis] = rest[axis]
-    if first >= 0:
-        turned_about(slots[m, SLOT.axis_1], q[first, lane], rest, once)
-    moment[:] = once
-    if second >= 0:
-        turned_about(slots[m, SLOT.axis_2], q[second, lane], once, moment)
+    stand(slots, m, magnet, q, lane, work)
+    centre, moment = work[CENTRE], work[MOMENT]
     here = point_drive(at, centre, moment, wrench)
     seen[0] += strength * here
-    if first >= 0:  # the second turn carries the slope along
-        across(slots[m, SLOT.axis_1], once, moved)
-        once[:] = moved
-        if second >= 0:
-            turned_about(slots[m, SLOT.axis_2], q[second, lane], once, moved)
-        seen[1 + first] = strength * point_drive(at, centre, moved, wrench) * reach[first]
+    first, second = slots[m, SLOT.turn_1], slots[m, SLOT.turn_2]
+    if first >= 0:
+        seen[1 + first] = strength * point_drive(at, centre, work[FIRST], wrench) * reach[first]
     if second >= 0:
-        across(slots[m, SLOT.axis_2], moment, moved)
-        seen[1 + second] = strength * point_drive(at, centre, moved, wrench) * reach[second]
+        seen[1 + second] = strength * point_drive(at, centre, work[SECOND], wrench) * reach[second]
     for axis in range(3):
         d = slots[m, SLOT.slide_x + axis]
         if d >= 0:
@@ -129,8 +145,8 @@ def drive_of_magnet(at, slots, m, magnet, q, lane, tip, reach, work, seen):
 def drive_ahead(found, entries, moments, wrench, slots, magnets, q, reach, seen):
     """The drive at the places `found` (n, k, 9), see `DrivePreview.read`."""
     places, size = found.shape[1], 1 + reach.shape[0]
-    work = np.zeros((5, 3))
-    work[0, 2] = 1.0
+    work = np.zeros((6, 3))
+    work[REST, 2] = 1.0
     for lane in range(seen.shape[0]):
         entry = entries[lane]
         tip = moments[entry], wrench[entry]

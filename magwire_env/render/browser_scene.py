@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from ..lumen import Branch
+from ..lumen.surface import Surface
 from ..physics.dipoles import field
 from ..scenario import Scenario
 from ..simulation.model import supports
@@ -32,6 +35,9 @@ _TIP_SCALE = 2.5
 
 _WIRE_SIDES = 10
 
+_THINNEST = 1.2e-3
+"""The least radius at which the wire is drawn, in shares of the scene's size, or it would not be seen in an aorta."""
+
 
 class Scene3D:
     """Lumen, target, wire, tip, magnets, field lines, force arrows, and the force map on a board behind them."""
@@ -45,6 +51,8 @@ class Scene3D:
             m.magnet.dipoles("gauss", 2 if len(scenario.rig.magnets) > 1 else 4) for m in scenario.rig.magnets
         ]
         self._bodies = [np.vstack(body_halves(m.magnet)) for m in scenario.rig.magnets]
+        seen = _THINNEST * float(np.linalg.norm(self.high - self.low))
+        self._radius = max(scenario.wire.radius, min(seen, 0.3 * scenario.tree.trunk.narrowest[0]))
         self._add_lumen()
         self._add_wire()
         self._add_magnets()
@@ -60,13 +68,15 @@ class Scene3D:
 
     def _add_lumen(self) -> None:
         tree, scene = self.scenario.tree, self.server.scene
-        for i, branch in enumerate(tree.branches):
+        shape = {"color": paint.LUMEN_EDGE, "opacity": 0.35, "side": "double", "cast_shadow": False}
+        branches: Sequence[Branch] = tree.branches
+        if isinstance(tree.wall, Surface):
+            scene.add_mesh_simple("/lumen", tree.wall.vertices, tree.wall.faces.astype(np.uint32), **shape)
+            branches = ()
+        for i, branch in enumerate(branches):
             s = np.linspace(0.0, branch.length, max(60, round(branch.length / 4e-3)))
             vertices, faces = meshes.tube(branch.curve.position(s), branch.radius(s))
-            scene.add_mesh_simple(
-                f"/lumen{i or ''}", vertices, faces, color=paint.LUMEN_EDGE, opacity=0.35, side="double",
-                cast_shadow=False,
-            )  # fmt: skip
+            scene.add_mesh_simple(f"/lumen{i or ''}", vertices, faces, **shape)
         reach = 1.15 * (tree.widest if len(tree.branches) == 1 else tree.narrowest[0])
         self._target = scene.add_mesh_simple(
             "/target", *meshes.tube(_ring(reach), 0.12 * reach, 8), color=paint.TARGET, cast_shadow=False
@@ -76,17 +86,23 @@ class Scene3D:
     def _add_wire(self) -> None:
         scene, wire = self.server.scene, self.scenario.wire
         line = np.linspace((0.0, 0.0, 0.0), (wire.length, 0.0, 0.0), wire.segments + 1)
-        self._wire = scene.add_mesh_simple("/wire", *meshes.tube(line, wire.radius, _WIRE_SIDES), color=paint.WIRE_FREE)
+        self._wire = scene.add_mesh_simple(
+            "/wire", *meshes.tube(line, self._radius, _WIRE_SIDES), color=paint.WIRE_FREE
+        )
         if self.scenario.rig.feed is not None:
             trunk = self.scenario.tree.trunk.curve
             ends = trunk.position(0.0) + np.linspace(-SLEEVE, 0.0, 5)[:, None] * trunk.tangent(0.0)
-            scene.add_mesh_simple("/sleeve", *meshes.tube(ends, 1.6 * wire.radius, 16), color=paint.FAINT)
+            scene.add_mesh_simple("/sleeve", *meshes.tube(ends, 1.6 * self._radius, 16), color=paint.FAINT)
         self._tip = scene.add_frame("/tip", show_axes=False)
-        for name, corners, colour in zip(
-            ("north", "south"), body_halves(self.scenario.tip), (paint.NORTH, paint.SOUTH), strict=True
-        ):
+        halves = body_halves(self.scenario.tip)
+        across = max(_TIP_SCALE, 1.5 * self._radius / float(np.abs(halves[0][:, :2]).max()))
+        for name, corners, colour in zip(("north", "south"), halves, (paint.NORTH, paint.SOUTH), strict=True):
             scene.add_mesh_simple(
-                f"/tip/{name}", *meshes.prism(_TIP_SCALE * corners), color=colour, flat_shading=True, side="double"
+                f"/tip/{name}",
+                *meshes.prism(corners * (across, across, _TIP_SCALE)),
+                color=colour,
+                flat_shading=True,
+                side="double",
             )
         nothing = np.zeros((1, 2, 3))
         width = 8e-4
@@ -142,7 +158,7 @@ class Scene3D:
 
     def update(self, now: Snapshot) -> None:
         """Move everything to where it is now."""
-        vertices, _ = meshes.tube(now.nodes, self.scenario.wire.radius, _WIRE_SIDES)
+        vertices, _ = meshes.tube(now.nodes, self._radius, _WIRE_SIDES)
         self._wire.vertices = vertices.astype(np.float32)
         self._wire.color = paint.load_colour(float(now.load.max()) / self.limit)
         if self._contacts is not None:

@@ -22,6 +22,9 @@ HAND = "your hand"
 
 LEGEND = "*Arrows at the tip: dark, the magnetic force; purple, its part along the tract, which drives the tip.*"
 
+STYLE = "<style>.mantine-NumberInput-root { min-width: 3.8rem }</style>"
+"""A slider's number has room for six characters, as in 185.73; viser gives it five."""
+
 CLICKS = {"turns the magnet": "turns", "starts there": "starts"}
 
 
@@ -32,6 +35,7 @@ class Controls:
         self.page = page
         gui = page.server.gui
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        gui.add_html(STYLE)
         with gui.add_folder("Episode"):
             self._choices(gui)
         self._magnet_folder = gui.add_folder("Magnet")

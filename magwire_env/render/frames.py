@@ -21,6 +21,9 @@ __all__ = ["Frames", "Picture", "Window"]
 
 SIZE = (640, 480)
 
+_IN_A_LINE = 3
+"""Degrees of freedom whose settings stand in one line of a view."""
+
 _KEPT = 32
 """Scenarios whose picture is kept: some megabytes each."""
 
@@ -124,8 +127,10 @@ class Picture:
             brush.text(self.surface, words, (x * k, 5 * k), 12)
         brush.text(self.surface, note, (632 * k, 5 * k), 12, paint.INK, "right")
         rect = self.views.frames[1]
-        words = "   ".join(dof.text(value) for dof, value in zip(self._dofs, now.magnet, strict=True))
-        brush.text(self.surface, words, (rect.right - 6 * k, rect.y + 4), 12, paint.INK, "right")
+        settings = [dof.text(value) for dof, value in zip(self._dofs, now.magnet, strict=True)]
+        for i in range(0, len(settings), _IN_A_LINE):
+            row, y = "   ".join(settings[i : i + _IN_A_LINE]), rect.y + 4 + 14 * k * (i // _IN_A_LINE)
+            brush.text(self.surface, row, (rect.right - 6 * k, y), 12, paint.INK, "right")
 
 
 class Frames:

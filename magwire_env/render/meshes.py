@@ -15,11 +15,15 @@ __all__ = ["field_lines", "prism", "quaternion", "rotation_to", "seeds", "tube",
 def tube(points: np.ndarray, radius: np.ndarray | float, sides: int = 16) -> tuple[np.ndarray, np.ndarray]:
     """A tube along `points` (n, 3) m, open at both ends: vertices (n·sides, 3) m and faces (m, 3).
 
-    The rings' frames are carried along without twist.
+    The rings' frames are carried along without twist. Points that coincide, as those of a wire that is not drawn as far
+    as it reaches behind the inlet, have the direction of the next ones that do not.
     """
     points = np.asarray(points, dtype=np.float64)
     ways = np.gradient(points, axis=0)
-    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    size = np.linalg.norm(ways, axis=1)
+    known = np.flatnonzero(size > 0.0)
+    following = known[np.minimum(np.searchsorted(known, np.arange(len(points))), len(known) - 1)]
+    ways = ways[following] / size[following, None]
     first = np.eye(3)[np.abs(ways[0]).argmin()]
     normals = np.empty_like(points)
     for i, way in enumerate(ways):
@@ -29,8 +33,8 @@ def tube(points: np.ndarray, radius: np.ndarray | float, sides: int = 16) -> tup
     binormals = np.cross(ways, normals)
     angle = 2 * np.pi * np.arange(sides) / sides
     ring = np.cos(angle)[:, None] * normals[:, None] + np.sin(angle)[:, None] * binormals[:, None]
-    size = np.broadcast_to(np.asarray(radius, dtype=np.float64), (len(points),))
-    vertices = points[:, None] + size[:, None, None] * ring
+    across = np.broadcast_to(np.asarray(radius, dtype=np.float64), (len(points),))
+    vertices = points[:, None] + across[:, None, None] * ring
     return vertices.reshape(-1, 3), tube_faces(len(points), sides)
 
 

@@ -101,7 +101,10 @@ class Strips:
 
     def __init__(self, brush: Brush, scenario: Scenario, rect: Any, force_limit: float) -> None:
         self.brush, self.rect, self.force_limit = brush, rect, force_limit
-        self.length, self.name = scenario.tract.length, drive_name(scenario)
+        self.name = drive_name(scenario)
+        tree = scenario.tree
+        lone = len(tree.branches) == 1
+        self.length = tree.trunk.length if lone else max(tree.length_of(leaf) for leaf in tree.leaves)
         self._drawn: dict[float, tuple[Any, Axes, Axes]] = {}
 
     def _axes(self, span: float) -> tuple[Any, Axes, Axes]:

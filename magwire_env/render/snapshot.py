@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -29,6 +30,8 @@ __all__ = [
 SLEEVE = 30e-3
 """m of a fed wire that are drawn behind the inlet."""
 
+_ROUTE_POINTS = 96
+
 _POINT_SIZE = 10e-3
 """m, edge of the cube that stands for a point dipole."""
 
@@ -38,8 +41,9 @@ class Snapshot:
     """One lane at one moment, SI units.
 
     time : s since the episode's start
-    tip_arclength, goal : m along the tract
+    tip_arclength, goal : m from the inlet, along the tract or, of a tree, along the branches
     target, target_way, target_radius : the goal's point (3,) m, the direction of the way there, the lumen's radius, m
+    route : (j, 3) m, of a tree the way from the inlet to the goal along centrelines; of a tract none
     nodes : (k, 3) m, tail to tip; what a feed has not pushed out lies straight behind the inlet, a little of it
     contact : (k, 3) N, what the wall exerts on each node; of a wire whose contact forces are not known all zero
     load : (k,) N, the force on the wall each node is shaded by: of its contact, or the tip's throughout
@@ -56,6 +60,7 @@ class Snapshot:
     target: np.ndarray
     target_way: np.ndarray
     target_radius: float
+    route: np.ndarray
     nodes: np.ndarray
     contact: np.ndarray
     load: np.ndarray
@@ -93,13 +98,29 @@ def snapshots(core: SteeringCore, lanes: Sequence[int] | None = None) -> list[Sn
         goal = float(goals.s[i])
         out.append(
             Snapshot(
-                scenario, float(sim.time[i]), float(arclength[i]), float(core.goal[i]),
-                branch.curve.position(goal), branch.curve.tangent(goal), float(branch.radius(goal)), nodes, contact,
+                scenario, float(sim.time[i]), float(arclength[i]), _way_to(scenario, branch.name, goal),
+                branch.curve.position(goal), branch.curve.tangent(goal), float(branch.radius(goal)),
+                _route(scenario, branch.name, goal), nodes, contact,
                 load, tip[i], tangent[i] / np.linalg.norm(tangent[i]), force[i],
                 float(drive[i]), float(lateral[i]), float(wall[i]), magnet[i], centres[i],
             )
         )  # fmt: skip
     return out
+
+
+@lru_cache(maxsize=64)
+def _way_to(scenario: Scenario, branch: str, s: float) -> float:
+    """Length of the way from the inlet to a place, m."""
+    return s if len(scenario.tree.branches) == 1 else scenario.tree.length_of((branch, s))
+
+
+@lru_cache(maxsize=64)
+def _route(scenario: Scenario, branch: str, s: float) -> np.ndarray:
+    """Points of the way from the inlet of a tree to a place, `_ROUTE_POINTS` of them; none in a lumen of one branch."""
+    if len(scenario.tree.branches) == 1:
+        return np.zeros((0, 3))
+    route = scenario.tree.route("inlet", (branch, s))
+    return route.position(np.linspace(0.0, route.length, _ROUTE_POINTS))
 
 
 def _with_sleeve(scenario: Scenario, nodes: np.ndarray, inserted: float) -> np.ndarray:

@@ -149,12 +149,19 @@ class Views:
         for view, rect in zip((self.plan, self.side), self.frames, strict=True):
             surface.set_clip(rect)
             self._magnets(surface, view, now)
+            self._route(surface, view, now)
             self._target(surface, view, now)
             self._sleeve(surface, view)
             self._wire_line(surface, view, now)
             self._forces(surface, view, now)
             self._tip(surface, view, now)
         surface.set_clip(None)
+
+    def _route(self, surface: Any, view: View, now: Snapshot) -> None:
+        """Of a tree, the way to the target as dashes along the centrelines."""
+        points = view.px(now.route)
+        for a, b in zip(points[0:-1:2], points[1::2], strict=False):
+            self.brush.pygame.draw.line(surface, paint.TARGET, a, b, max(1, round(1.5 * self.brush.scale)))
 
     def _target(self, surface: Any, view: View, now: Snapshot) -> None:
         """A bar right across the lumen, with a dot: seen end on, the dot is left."""

@@ -50,6 +50,16 @@ class Observed:
         return self.trace[:, : self.num_envs].T.copy()
 
     @property
+    def tip_branch(self) -> np.ndarray:
+        """(n,) number of the lumen's branch that the tip is in; where two overlap, that of the route."""
+        return self._row(ROW.branch).astype(np.int64)
+
+    @property
+    def astray(self) -> np.ndarray:
+        """(n,) m, from a tip in a wrong branch back to the route; 0 on the route."""
+        return self._row(ROW.astray)
+
+    @property
     def route_length(self) -> np.ndarray:
         """(n,) m, from the inlet along the route to its end."""
         return self.model.route_length(np.arange(self.num_envs))

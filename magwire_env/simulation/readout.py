@@ -28,6 +28,8 @@ class Readout(NamedTuple):
     base_force_x … base_force_z : N, what holds the wire's base; 0 where nothing does
     base_torque_x … base_torque_z : N·m, the same
     inserted : m of wire inside the lumen; 0 of a model without a base
+    branch : number of the lumen's branch that the tip is in; 0 of a model without branches
+    astray : m from the tip back to the route to the goal; 0 upon it
     peak_lateral, peak_wall : N, largest over the substeps of the last control period
     mean_wall : N, mean over those substeps
     travel : rad and m summed, how far the rig moved in the last control period
@@ -61,6 +63,8 @@ class Readout(NamedTuple):
     base_torque_y: int
     base_torque_z: int
     inserted: int
+    branch: int
+    astray: int
     peak_lateral: int
     peak_wall: int
     mean_wall: int

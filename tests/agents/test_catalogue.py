@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agents.benchmark.jobs import run_cells
-from agents.benchmark.plan import Cell
+from agents.benchmark.plan import Cell, content_of
 from agents.catalogue import CONTROLLERS, FLOORS, PAR, REFERENCE, controller, register_controller, resolve
 from agents.cli.main import main as magwire
 from agents.controllers import Controller, MaxForce
@@ -111,8 +111,30 @@ def test_the_benchmark_takes_it_in_its_worker_processes(module, tmp_path):
     record = plan.record(Cell("evaluate", "Steer", f"{module}:Still"), tmp_path)
     assert record is not None
     assert len(record["episodes"]["success"]) == 2
-    with pytest.raises(ValueError, match="controllers must be policies given as module:thing, got 'Still'"):
+    with pytest.raises(ValueError, match=r"module:thing or one of MaxForce.*got 'Still'"):
         small(STEER, extra=("Still",))
+
+
+def test_the_benchmark_takes_files_and_folders_and_knows_them_by_their_content(run, tmp_path):
+    own = tmp_path / "mine.py"
+    own.write_text("def half(observation):\n    return 0.5 * observation[:, 4:5]\n", encoding="utf-8")
+    names = (f"{own}:half", str(run[0]))
+    plan = small(STEER, extra=names, episodes=2)
+    cells = [cell for cell in plan.cells() if cell.policy in names]
+    assert [(cell.kind, cell.policy) for cell in cells] == [("evaluate", name) for name in names]
+    assert not run_cells(plan, cells, tmp_path / "out", workers=1)
+    for cell in cells:
+        assert cell.file(tmp_path / "out").parent == tmp_path / "out" / "evaluate"
+        assert len(plan.record(cell, tmp_path / "out")["episodes"]["success"]) == 2
+    own.write_text("def half(observation):\n    return 0.4 * observation[:, 4:5]\n", encoding="utf-8")
+    content_of.cache_clear()
+    assert [plan.state(cell, tmp_path / "out") for cell in cells] == ["outdated", "finished"]
+
+
+def test_the_benchmark_opens_a_zip_only_where_it_is_trusted(tmp_path):
+    (tmp_path / "mine.zip").write_bytes(b"PK")
+    with pytest.raises(ValueError, match="--trust"):
+        small(STEER, extra=(str(tmp_path / "mine.zip"),))
 
 
 def test_the_settings_follow_task_scenario_and_split():

@@ -103,7 +103,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 @pytest.mark.parametrize("name", ["sine", "Called", "Remembers", "FromEnv", "Network", "ready", "network", "SeesForce"])
 @pytest.mark.parametrize("place", ["own_policies", "own_policies.py"])
 def test_the_command_evaluates_it(place, name, own, capsys):
-    magwire(["evaluate", f"{place}:{name}", "--episodes", "2", "--no-par"])
+    magwire(["evaluate", f"{place}:{name}", "--task", ID, "--episodes", "2", "--no-par"])
     assert f"\n{name} " in capsys.readouterr().out
 
 
@@ -154,8 +154,8 @@ def test_a_zip_of_sb3_plays_with_its_normalisation(algorithm, own, capsys):
     saved.mkdir()
     model.save(saved / "mine.zip")
     with pytest.raises(SystemExit, match=r"mine\.zip is a file of Stable-Baselines3's own.*--trust opens it"):
-        magwire(["evaluate", f"{saved.name}/mine.zip", "--episodes", "2", "--no-par"])
-    magwire(["evaluate", f"{saved.name}/mine.zip", "--trust", "--episodes", "2", "--no-par"])
+        magwire(["evaluate", f"{saved.name}/mine.zip", "--task", ID, "--episodes", "2", "--no-par"])
+    magwire(["evaluate", f"{saved.name}/mine.zip", "--task", ID, "--trust", "--episodes", "2", "--no-par"])
     printed = capsys.readouterr()
     assert "\nmine " in printed.out
     assert f"no vecnormalize.pkl beside {saved.name}/mine.zip" in printed.err
@@ -181,7 +181,7 @@ def test_a_zip_of_something_else_is_refused(own):
     [
         (
             "two",
-            r"the policy two must answer observations of shape \(2, 7\) of MagWire/Steer-v1 .*with actions",
+            r"the policy two must answer observations of shape \(2, 7\) of MagWire/Steer-v0 .*with actions",
         ),
         ("number", "policy must name a class with from_env"),
         ("Needs", "made without arguments, or one with from_env.*needs weights, gain"),
@@ -190,7 +190,7 @@ def test_a_zip_of_something_else_is_refused(own):
 )
 def test_what_is_no_policy_ends_in_a_sentence(name, words, own):
     with pytest.raises(SystemExit, match=words) as stopped:
-        magwire(["evaluate", f"own_policies:{name}", "--episodes", "2", "--no-par"])
+        magwire(["evaluate", f"own_policies:{name}", "--task", ID, "--episodes", "2", "--no-par"])
     assert "\n" not in str(stopped.value)
 
 
@@ -235,7 +235,21 @@ def test_spaces_are_compared_where_a_policy_has_them():
 def test_env_kwargs_reach_the_env_and_the_others_play_the_same_episodes(tmp_path, capsys):
     out = tmp_path / "r.json"
     own = ["observe=drive_force,tip_speed", "action_mode=rate", "time_limit=2.5", "scenario=hard"]
-    magwire(["evaluate", "ConstantRotation", "--episodes", "2", "--no-par", "--out", str(out), "--env-kwargs", *own])
+    magwire(
+        [
+            "evaluate",
+            "ConstantRotation",
+            "--task",
+            ID,
+            "--episodes",
+            "2",
+            "--no-par",
+            "--out",
+            str(out),
+            "--env-kwargs",
+            *own,
+        ]
+    )
     stored = json.loads(out.read_text())
     steps = [stored[name]["episodes"]["steps"] for name in ("ConstantRotation", "MaxForce")]
     assert all(n <= 25 for row in steps for n in row)

@@ -1,5 +1,7 @@
 """Every format that is read: small files that the tests write, of one and the same fork."""
 
+import subprocess
+import sys
 import warnings
 
 import numpy as np
@@ -98,6 +100,18 @@ def test_a_folder_of_curves_is_one_lumen_called_by_the_files(tmp_path):
     same_fork(lumen, 0.7e-3)
 
 
+def readers_of(path):
+    """The libraries of readers and kernels that another process loads for a lumen which is kept."""
+    program = f"""
+import sys, warnings
+warnings.simplefilter("ignore")
+from magwire_env.lumen import Lumen
+Lumen.load({str(path)!r}, unit="mm", progress=False)
+print(sorted({{"numba", "scipy.ndimage", "nibabel", "trimesh", "magwire_env.lumen.assembling"}} & set(sys.modules)))
+"""
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.strip()
+
+
 def test_a_lumen_is_read_again_from_the_cache_and_from_its_own_file(tmp_path, monkeypatch):
     monkeypatch.setenv("MAGWIRE_CACHE", str(tmp_path / "cache"))
     path = written(tmp_path, "surfaces", "binary.stl")
@@ -107,6 +121,7 @@ def test_a_lumen_is_read_again_from_the_cache_and_from_its_own_file(tmp_path, mo
     assert len(kept) == 1
     with pytest.warns(LumenNote):
         assert Lumen.load(path, unit="mm", progress=False) == first
+    assert readers_of(path) == "[]"
     kept[0].write_bytes(b"damaged")
     with pytest.warns(LumenNote):
         assert Lumen.load(path, unit="mm", progress=False) == first

@@ -63,6 +63,7 @@ def test_only_this_machine_can_look(page):
 
 def test_a_policy_reaches_the_goal(page):
     page.choose_policy("MaxForce")
+    assert page.settled(120.0)  # time stands still while kernels are compiled
     page.play(True)
     for _ in range(200):
         page.update(0.1)
@@ -416,3 +417,10 @@ def check_picture(path: Path) -> None:
 
 def test_the_tasks_are_those_registered():
     assert "MagWire/Steer-v0" in magwire_env.TASK_IDS
+
+
+def test_a_tube_along_points_that_coincide_is_whole():
+    points = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 1], [0, 0, 2], [0, 0, 2]], dtype=float)
+    vertices, _ = meshes.tube(points, 0.1, 8)
+    assert np.allclose(np.hypot(*vertices[:, :2].T), 0.1)
+    assert np.allclose(vertices[:, 2].reshape(6, 8), points[:, 2:])

@@ -170,6 +170,16 @@ class Bricks:
         at = np.stack(np.unravel_index(once, tuple(shape)), axis=1) - 2
         return _chunked(phi, self.origin + (at + 0.5) * self.cell)[which]
 
+    @classmethod
+    def of(cls, origin: np.ndarray, cell: float, index: np.ndarray, coefficients: np.ndarray) -> Bricks:
+        """Bricks made before: `index` (nx, ny, nz) and coefficients as they were, see `Bricks`."""
+        if coefficients.shape != (np.count_nonzero(index >= 0.0), KEPT**3) or index.ndim != 3:
+            raise ValueError(f"coefficients must be of the bricks of the index, got {coefficients.shape}")
+        own = cls.__new__(cls)
+        own.cell, own.shape, own.origin = cell, tuple(index.shape), origin
+        own.index, own.coefficients = index.reshape(-1), coefficients
+        return own
+
     @property
     def data(self) -> np.ndarray:
         """Index and coefficients as the kernel reads them, float32."""

@@ -16,7 +16,7 @@ from ..servo import LIMIT
 from ..vectors import cross, dot, scaled, store3, sub
 from . import layout as at
 from .stepper import publish, run_block
-from .ways import Ways, place_of, remaining
+from .ways import Ways, astray, place_of, remaining
 
 __all__ = ["OUT_ROWS", "Batch", "Bench", "Drive", "control_period", "refresh"]
 
@@ -171,6 +171,7 @@ def way(block, count, ways, batch, bench):
         left = remaining(ways, entry, b, s, goal, batch.goal[lane])
         o[ROW.remaining, l] = left
         o[ROW.travelled, l] = s
+        o[ROW.branch, l], o[ROW.astray, l] = b, astray(ways, entry, b, s, goal)
         if ways.branches[entry] > 1:
             o[ROW.travelled, l] = ways.begin[first + goal] + batch.goal[lane] - left
         _, t, _ = curve_at(s, ways.course[first + b], ways.table)

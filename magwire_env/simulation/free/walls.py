@@ -9,10 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...lumen.lumen import Lumen
+from ...lumen.surface import Surface
 from ...scenario import Scenario
 from ..lanes import LANES
 from . import layout as at
 from .bricks import CELLS, Bricks, smooth_union
+from .kept_walls import digest_of, kept
 from .tubes import Tube
 
 __all__ = ["Walls"]
@@ -140,4 +142,9 @@ def _wall_of(sc: Scenario) -> Tube | Bricks:
         found = np.where(np.isfinite(found), found, -1e3)
         return smooth_union(list(found.T), ROUNDED * narrowest)
 
-    return Bricks(depth, low.tolist(), high.tolist(), cell, thickest + 2 * cell, _OUTSIDE + 2 * cell)
+    def make() -> Bricks:
+        return Bricks(depth, low.tolist(), high.tolist(), cell, thickest + 2 * cell, _OUTSIDE + 2 * cell)
+
+    if lumen.wall is not None and not isinstance(lumen.wall, Surface):
+        return make()
+    return kept(digest_of(lumen, *low, *high, cell, thickest, _OUTSIDE, ROUNDED), make)

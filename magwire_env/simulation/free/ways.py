@@ -15,7 +15,7 @@ from ...compiled import kernel
 from ...lumen.tube_kernels import KEPT, deepest
 from ..centreline import COURSE, curve_at
 
-__all__ = ["Ways", "ahead", "carry", "lay", "place_of", "remaining", "route_place"]
+__all__ = ["Ways", "ahead", "astray", "carry", "lay", "place_of", "remaining", "route_place"]
 
 _PREFERRED = 10.0
 """Radii by which a branch of the route wins over others where the point is inside both."""
@@ -116,6 +116,15 @@ def remaining(ways, entry, b, s, goal, goal_s):
     if not down and s > sg:
         return -(way + s - sg)
     return way + abs(sg - s)
+
+
+@kernel
+def astray(ways, entry, b, s, goal):
+    """The way back, m, from a place in a wrong branch to the route from the inlet to branch `goal`; 0 on the route."""
+    first, way = ways.first[entry], 0.0
+    while not on_route(ways, first, b, goal):
+        way, s, b = way + s, ways.start[first + b], ways.parent[first + b]
+    return way
 
 
 @kernel

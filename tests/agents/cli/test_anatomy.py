@@ -1,10 +1,12 @@
 """The command that reads an anatomy: its report, its picture, the file that stands alone, and the scene with a wire."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents.cli.anatomy import report, scene_of
+from agents.cli.anatomy import _TASK, report, scene_of, task_of
 from agents.cli.main import main as magwire
+from magwire_env.envs.task import TASKS
 from magwire_env.lumen.lumen import Lumen
 from magwire_env.lumen.named_trees import fork, two_forks
 from tests.support import lumen_writers as writers
@@ -60,3 +62,23 @@ def test_the_scene_holds_a_wire_that_fits():
     assert scene.model == "free"
     assert 2 * scene.wire.radius < 0.8e-3
     assert np.isfinite(scene.rig.feed.home)
+
+
+@pytest.fixture
+def _task_forgotten():
+    yield
+    TASKS.pop(task_of())
+    gym.registry.pop(_TASK)
+
+
+@pytest.mark.usefixtures("_task_forgotten")
+def test_what_the_page_plays_starts_with_the_rig_at_home_over_the_inlet():
+    lumen = fork()
+    env = gym.make(task_of(), scenario=scene_of(lumen))  # a warning would end the test
+    assert task_of() == task_of()
+    for seed in range(3):
+        env.reset(seed=seed)
+        core = env.unwrapped.core
+        assert np.array_equal(core.sim.magnet[0, :-1], np.zeros(core.sim.magnet.shape[1] - 1))
+        assert np.allclose(core.sim.magnet_positions[0, 0, :2], lumen.position("inlet")[:2])
+    assert np.allclose(core.sim.goals().s, lumen.trunk.length - 0.01)

@@ -23,17 +23,23 @@ def test_the_cache_is_shown_and_cleared(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("MAGWIRE_CACHE", str(tmp_path / "own"))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
     plan, kernel = default_folder() / "ab" / "abcd.npz", tmp_path / "kernels" / "x" / "f.nbc"
-    for file in (plan, kernel):
+    anatomy = tmp_path / "own" / "lumens" / "abcd.lumen"
+    wall = tmp_path / "own" / "walls" / "abcd.npz"
+    for file in (plan, kernel, anatomy, wall):
         file.parent.mkdir(parents=True)
         file.write_bytes(bytes(2_000_000))
     magwire(["cache"])
     shown = capsys.readouterr().out
     assert "plans of the par  1      2.0 MB" in shown
+    assert "anatomies read    1      2.0 MB" in shown
+    assert "walls in bricks   1      2.0 MB" in shown
     assert str(tmp_path / "own" / "par") in shown
     assert plan.exists()
     magwire(["cache", "--clear"])
     assert "cleared" in capsys.readouterr().out
     assert not plan.exists()
+    assert not anatomy.exists()
+    assert not wall.exists()
     assert not kernel.exists()
 
 

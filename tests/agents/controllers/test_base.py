@@ -7,20 +7,23 @@ import numpy as np
 import pytest
 
 import magwire_env  # noqa: F401  (registers the ids)
-from agents.catalogue import CONTROLLERS
+from agents.catalogue import CONTROLLERS, IN_TREES, OF_TREES
 from agents.controllers import MaxForce
 
 ID = "MagWire/Steer-v0"
 
 
-@pytest.mark.parametrize("name", list(CONTROLLERS))
-@pytest.mark.parametrize("mode", ["angle", "rate", "direction"])
-def test_predict_single_and_batched(name, mode):
-    env = gym.make(ID, action_mode=mode)
+@pytest.mark.parametrize(
+    ("name", "task", "mode"),
+    [(name, ID, mode) for name in CONTROLLERS if name not in OF_TREES for mode in ("angle", "rate", "direction")]
+    + [(name, "MagWire/Navigate-v0", "moment") for name in IN_TREES],
+)
+def test_predict_single_and_batched(name, task, mode):
+    env = gym.make(task, action_mode=mode)
     observation, _ = env.reset(seed=0)
     action, state = CONTROLLERS[name].from_env(env).predict(observation)
     assert env.action_space.contains(action)
-    envs = gym.make_vec(ID, num_envs=3, action_mode=mode)
+    envs = gym.make_vec(task, num_envs=3, action_mode=mode)
     observations, _ = envs.reset(seed=0)
     controller = CONTROLLERS[name].from_env(envs)
     actions, state = controller.predict(observations, episode_start=np.ones(3, dtype=bool))

@@ -1,0 +1,63 @@
+"""Scenarios of the navigating tasks: a tree, a wire that is fed into it, and what steers its tip from outside."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+from ..lumen import LUMENS, Lumen
+from ..physics.guidewire import Guidewire
+from ..physics.magnets import BlockMagnet, CylinderMagnet
+from ..physics.profile import Profile
+from ..scenario import ActuatedMagnet, Contact, Feed, Rig, Scenario, Slide, Timing, Turn
+
+__all__ = ["arch", "following_magnet", "soft_tipped"]
+
+
+def soft_tipped(length: float, segments: int, shaft: float, tip: float, soft: float) -> Guidewire:
+    """A wire of 0.9 mm with a soft end: E I of the shaft and of the last `soft` m, N·m²; E A 600 N, 3000 kg/m³.
+
+    Over 80 mm behind the soft end E I grows evenly: a sudden step would need a thrust of half its size times the
+    curvature squared to pass a bend, and stands still there.
+    """
+    radius = 0.45e-3
+    axial = 600.0 / (math.pi * radius**2)
+    bending = Profile((0.0, length - soft - 0.08, length - soft, length), (shaft, shaft, tip, tip))
+    return Guidewire(length, radius, axial, shaft / (math.pi * radius**4 / 4), 3000.0, segments, bending=bending)
+
+
+def following_magnet(lumen: Lumen, edge: float, height: float, speed: float) -> ActuatedMagnet:
+    """A cube in front of the lumen, (z = `height` m), that turns to any direction and slides over all of it.
+
+    edge : m, of the cube, remanence 1.3 T
+    speed : m/s, of its slides along x and y
+    """
+    low, high = lumen.bounds
+    middle = [round(float(v), 3) for v in (low + high) / 2]
+    reach = [[round(float(v[i]) - middle[i], 3) for v in (low, high)] for i in range(2)]
+    slides = [Slide(axis, *ends, speed=speed) for axis, ends in zip("xy", reach, strict=True)]  # type: ignore[misc]
+    turns = (Turn("y", home=math.pi / 2, speed=2 * math.pi), Turn("z", speed=2 * math.pi))
+    return ActuatedMagnet(BlockMagnet((edge,) * 3, 1.3), (middle[0], middle[1], height), (*turns, *slides))
+
+
+@lru_cache(maxsize=4)
+def arch(kind: str = "I") -> Scenario:
+    """The aortic arch of type "I", "II" or "III" (`magwire_env.lumen.LUMENS`), a wire fed from the descending aorta.
+
+    The wire: a shaft of 6e-5 N·m² (a nitinol core of 0.38 mm) that tapers to 8e-6 N·m² in its last 60 mm, and a tip
+    magnet of 9.7 mA·m². The magnet: a cube of 100 mm and 1034 A·m², 170 mm in front of the arch, which makes
+    20 to 50 mT at the tip (a magnetic navigation system of the clinic makes 80 mT: Carpi and Pappone 2009). The
+    numbers are ours, chosen so that the tip can be turned into any branch, and needs to be.
+    """
+    lumen = LUMENS["aortic_arch"](kind)
+    magnet = following_magnet(lumen, 0.1, 0.17, 0.1)
+    return Scenario(
+        name=f"aortic arch {kind}",
+        lumen=lumen,
+        wire=soft_tipped(0.4, 40, 6e-5, 8e-6, 0.06),
+        tip=CylinderMagnet(diameter=1.2e-3, height=8e-3, remanence=1.35),
+        rig=Rig((magnet,), feed=Feed(0.04, low=0.05, home=0.10)),
+        contact=Contact(friction=0.05, per_segment=2),
+        timing=Timing(0.1, 5),
+        model="free",
+    )

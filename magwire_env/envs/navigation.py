@@ -1,0 +1,204 @@
+"""Navigation: bring the tip of a fed wire into a named branch. How an episode begins, and what is counted in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from ..lumen import Lumen
+from ..simulation import Library, Places, Simulator
+from ..simulation.readout import OF_STATE, ROW
+from .kernels import PASS
+from .kinds import Kind
+from .moment import over
+
+if TYPE_CHECKING:
+    from .task import Task
+
+__all__ = ["Navigate", "Navigation"]
+
+_MN = 1e3
+"""mN of a newton."""
+
+_BACK = 5
+"""Control periods on the route after which leaving it counts as another wrong entry."""
+
+
+@dataclass(frozen=True)
+class Navigate(Kind):
+    """Bring the tip into a branch of a tree that is drawn for every episode, to its end."""
+
+    name: ClassVar[str] = "navigate"
+    rule: ClassVar[int] = PASS
+    draws: ClassVar[int] = 2
+    navigates: ClassVar[bool] = True
+    takes: ClassVar[tuple[str, ...]] = ("target", "start", "magnet_angle")
+
+    def begin(self, task: Task, library: Library, entries: np.ndarray, drawn: np.ndarray) -> tuple[Places, Places]:
+        """As `Kind.begin`: a dead end of each tree is the target, and the wire is inserted a little way."""
+        start = library.start_length[entries] + task.start_spread * (2 * drawn[:, 0] - 1)
+        branch, s = np.zeros(len(entries), dtype=np.int64), np.zeros(len(entries))
+        for i, entry in enumerate(entries):
+            tree = library.scenarios[entry].tree
+            name = tree.leaves[int(drawn[i, 1] * len(tree.leaves))]
+            branch[i], s[i] = _goal(task, tree, name)
+        return Places(np.clip(start, *library.reach[entries].T)), Places(s, branch)
+
+    def starts(self, task: Task) -> str:
+        """As `Kind.starts`."""
+        return (
+            f"The feed's home ± {1e3 * task.start_spread:g} mm of wire are inserted. The target, one of the tree's "
+            "dead ends, is drawn; the magnet stands over the tip, and its moment points anywhere."
+        )
+
+    def ends(self, task: Task) -> str:
+        """As `Kind.ends`."""
+        return (
+            f"Terminated when the tip has come within {1e3 * task.tolerance:g} mm of the end of the target branch, "
+            "along its centreline (`is_success`)."
+        )
+
+
+def _goal(task: Task, tree: Lumen, name: str) -> tuple[int, float]:
+    """The number of a target branch, and the arc length on it that a tip must pass."""
+    branch = tree.index(name)
+    return branch, max(tree.branches[branch].length - task.tolerance, 0.5 * tree.branches[branch].length)
+
+
+class Navigation:
+    """What is counted in the episodes of a navigating task: wrong entries and contact forces, one number a lane.
+
+    wrong_entries : (n,) how often the tip has left the route for another branch
+    on_route : (n,) control periods since the tip was last astray
+    """
+
+    def __init__(self, sim: Simulator, task: Task) -> None:
+        self._sim, self._task = sim, task
+        n = sim.num_envs
+        self.wrong_entries, self.on_route = np.zeros(n, dtype=np.int64), np.full(n, _BACK)
+        trees = [sc.tree for sc in sim.library.scenarios]
+        self._names = [np.array([b.name for b in tree.branches], dtype=object) for tree in trees]
+        self._trees = trees
+
+    def begin(self, lanes: np.ndarray) -> None:
+        """New episodes in `lanes` (n,), just laid out: a tip that starts astray has not gone astray itself."""
+        self.wrong_entries[lanes] = 0
+        self._sim.readout[OF_STATE:, lanes] = 0.0  # the last control period was another episode's
+        self.on_route[lanes] = np.where(self._sim.readout[ROW.astray, lanes] > 0.0, 0, _BACK)
+
+    def moved(self) -> None:
+        """After a control period: count the tips that have left the route."""
+        astray = self._sim.readout[ROW.astray, : self._sim.num_envs] > 0.0
+        self.wrong_entries += astray & (self.on_route >= _BACK)
+        self.on_route = np.where(astray, 0, self.on_route + 1)
+
+    def targets(self) -> np.ndarray:
+        """Names of the lanes' target branches, (n,) of objects."""
+        return self._named(self._sim.goals().branch)
+
+    def _named(self, branch: np.ndarray) -> np.ndarray:
+        entries = self._sim.lane_scenario
+        out = np.empty(len(branch), dtype=object)
+        for i, (entry, b) in enumerate(zip(entries, branch, strict=True)):
+            out[i] = self._names[entry][b]
+        return out
+
+    def start_info(self, lane: int | None) -> dict[str, Any]:
+        """`info` of a reset: the target's name, and those of all dead ends it may be."""
+        targets, n = self.targets(), self._sim.num_envs
+        ends = np.empty(n, dtype=object)
+        ends[:] = [self._trees[entry].leaves for entry in self._sim.lane_scenario]
+        found = {"target": targets, "targets": ends}
+        return found if lane is None else {name: value[lane] for name, value in found.items()}
+
+    def info(self, lane: int | None) -> dict[str, Any]:
+        """What a step's `info` tells beside other tasks' (one lane's, or arrays (n,))."""
+        rows = self._sim.readout[:, : self._sim.num_envs]
+        found = {
+            "branch": self._named(rows[ROW.branch].astype(np.int64)),
+            "astray": rows[ROW.astray].copy(),
+            "wrong_entries": self.wrong_entries.copy(),
+            "contact_mean": _MN * rows[ROW.mean_wall],
+            "contact_peak": _MN * rows[ROW.peak_wall],
+        }
+        if lane is None:
+            return found
+        return {k: v[lane] if v.dtype == object else v[lane].item() for k, v in found.items()}
+
+    def summary(self, of: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """What the summary of an episode tells beside other tasks', from the summary `of` all tasks."""
+        return {
+            "wrong_entries": self.wrong_entries.copy(),
+            "contact_mean": _MN * of["mean_wall_force"],
+            "contact_peak": _MN * of["peak_wall_force"],
+        }
+
+    def state(self) -> dict[str, np.ndarray]:
+        """The counts as values; `load_state` puts them back."""
+        return {"wrong_entries": self.wrong_entries.copy(), "on_route": self.on_route.copy()}
+
+    def load_state(self, state: dict[str, np.ndarray]) -> None:
+        """Put back what `state` gave."""
+        self.wrong_entries[:], self.on_route[:] = state["wrong_entries"], state["on_route"]
+
+    def overridden(
+        self, options: dict[str, Any], lanes: np.ndarray, entries: np.ndarray, start: Places, goal: Places
+    ) -> tuple[Places, Places]:
+        """Starts and goals of `lanes` (n,) with those that `reset(options=…)` names; see `MagWireEnv`.
+
+        Raises `ValueError` for a branch that the lane's tree does not have, and a start beyond what the feed can reach.
+        """
+        n, library = self._sim.num_envs, self._sim.library
+        start, goal = Places(start.s.copy(), start.branch.copy()), Places(goal.s.copy(), goal.branch.copy())
+        targets = _each("target", options.get("target"), n, lambda v: isinstance(v, str), "a branch's name")
+        starts = _each("start", options.get("start"), n, _is_place, "'inlet', a branch's name, or (name, m)")
+        for i, (lane, entry) in enumerate(zip(lanes, entries, strict=True)):
+            tree = self._trees[entry]
+            if targets is not None:
+                if targets[lane] not in tree.leaves:
+                    raise ValueError(
+                        f"options['target'] must be one of {', '.join(tree.leaves)}, got {targets[lane]!r}"
+                    )
+                goal.branch[i], goal.s[i] = _goal(self._task, tree, targets[lane])
+            if starts is not None:
+                start.branch[i], start.s[i] = self._start(starts[lane], tree, library.reach[entry])
+        return start, goal
+
+    def _start(self, at: Any, tree: Lumen, reach: np.ndarray) -> tuple[int, float]:
+        place = tree.place(at)
+        way, (low, high) = tree.length_of((place.branch, place.s)), reach
+        if at == "inlet":
+            return 0, float(low)
+        if not low <= way <= high:
+            raise ValueError(
+                f"options['start'] must lie where the feed can bring the tip, in [{low:.4g}, {high:.4g}] m from the "
+                f"inlet, got {at!r} at {way:.4g} m"
+            )
+        return tree.index(place.branch), place.s
+
+    def rig_over(self, entries: np.ndarray, start: Places, magnet: np.ndarray) -> np.ndarray:
+        """Settings (n, dof) like `magnet`, with the slides over the tips at `start`."""
+        tips = np.array(
+            [
+                self._trees[e].branches[b].curve.position(s)
+                for e, b, s in zip(entries, start.branch, start.s, strict=True)
+            ]
+        )
+        return over(self._sim, tips, magnet, entries)
+
+
+def _is_place(value: Any) -> bool:
+    return isinstance(value, str) or (isinstance(value, tuple) and len(value) == 2 and isinstance(value[0], str))
+
+
+def _each(name: str, value: Any, n: int, good: Callable[[Any], bool], what: str) -> Sequence[Any] | None:
+    """An option's value for each of n lanes: one for all, or a list of n."""
+    if value is None:
+        return None
+    values = list(value) if isinstance(value, (list, np.ndarray)) else [value] * n
+    if len(values) != n or not all(map(good, values)):
+        raise ValueError(f"options[{name!r}] must be {what}, or a list of {n} of them, got {value!r}")
+    return values
