@@ -24,6 +24,7 @@ from ..lanes import (
     LANES,
     _call,
     _splat,
+    anywhere,
     floor,
     lanes_type,
     load,
@@ -64,7 +65,7 @@ def gather32(typingctx, array, index, offset):
 
 @kernel
 def depth_in_bricks(grid, par, x):
-    """−φ at a point, and its gradient."""
+    """−φ at a point, its gradient, and its second derivatives (six numbers)."""
     inv = 1.0 / load(par, GRID_CELL)
     px, py, pz = (
         (x[0] - load(par, GRID_X)) * inv, (x[1] - load(par, GRID_Y)) * inv, (x[2] - load(par, GRID_Z)) * inv
@@ -82,24 +83,38 @@ def depth_in_bricks(grid, par, x):
     brick = where(within, brick, OUTSIDE)
     here = brick >= 0.0
     jx, jy, jz = where(here, ix - 4.0 * bx, 0.0), where(here, iy - 4.0 * by, 0.0), where(here, iz - 4.0 * bz, 0.0)
-    first = at + nx * ny * nz + 216.0 * maximum(brick, 0.0) + (jx * 6.0 + jy) * 6.0 + jz
+    corner = at + nx * ny * nz + 216.0 * maximum(brick, 0.0) + (jx * 6.0 + jy) * 6.0 + jz
     wx = (0.5 * (1.0 - fx) * (1.0 - fx), 0.5 + fx * (1.0 - fx), 0.5 * fx * fx)
     wy = (0.5 * (1.0 - fy) * (1.0 - fy), 0.5 + fy * (1.0 - fy), 0.5 * fy * fy)
     wz = (0.5 * (1.0 - fz) * (1.0 - fz), 0.5 + fz * (1.0 - fz), 0.5 * fz * fz)
     sx, sy, sz = (fx - 1.0, 1.0 - 2.0 * fx, fx), (fy - 1.0, 1.0 - 2.0 * fy, fy), (fz - 1.0, 1.0 - 2.0 * fz, fz)
+    bend = (1.0, -2.0, 1.0)
     phi, gx, gy, gz = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
-    for i in range(3):
-        u, v, t = spread(0.0), spread(0.0), spread(0.0)
-        for j in range(3):
-            o = (i * 6 + j) * 6
-            a, b, c = gather32(grid, first, o), gather32(grid, first, o + 1), gather32(grid, first, o + 2)
-            line = wz[0] * a + wz[1] * b + wz[2] * c
-            u = u + wy[j] * line
-            v = v + sy[j] * line
-            t = t + wy[j] * (sz[0] * a + sz[1] * b + sz[2] * c)
-        phi, gx, gy, gz = phi + wx[i] * u, gx + sx[i] * u, gy + wx[i] * v, gz + wx[i] * t
+    hxx, hxy, hxz, hyy, hyz, hzz = phi, phi, phi, phi, phi, phi
+    if anywhere(here):
+        for i in range(3):
+            u, v, t = spread(0.0), spread(0.0), spread(0.0)
+            vv, vt, tt = spread(0.0), spread(0.0), spread(0.0)
+            for j in range(3):
+                o = (i * 6 + j) * 6
+                a, b, c = gather32(grid, corner, o), gather32(grid, corner, o + 1), gather32(grid, corner, o + 2)
+                line = wz[0] * a + wz[1] * b + wz[2] * c
+                u = u + wy[j] * line
+                v = v + sy[j] * line
+                slope = sz[0] * a + sz[1] * b + sz[2] * c
+                t = t + wy[j] * slope
+                vv, vt, tt = vv + bend[j] * line, vt + sy[j] * slope, tt + wy[j] * (a - 2.0 * b + c)
+            phi, gx, gy, gz = phi + wx[i] * u, gx + sx[i] * u, gy + wx[i] * v, gz + wx[i] * t
+            hxx, hxy, hxz = hxx + bend[i] * u, hxy + sx[i] * v, hxz + sx[i] * t
+            hyy, hyz, hzz = hyy + wx[i] * vv, hyz + wx[i] * vt, hzz + wx[i] * tt
     depth = where(here, -phi, where(brick < -1.5, FAR, -FAR))
-    return depth, (where(here, -gx * inv, 0.0), where(here, -gy * inv, 0.0), where(here, -gz * inv, 0.0))
+    inv2 = inv * inv  # of a lane that has no bricks, all of this may be no number
+    first = where(here, -gx * inv, 0.0), where(here, -gy * inv, 0.0), where(here, -gz * inv, 0.0)
+    second = (
+        where(here, -hxx * inv2, 0.0), where(here, -hxy * inv2, 0.0), where(here, -hxz * inv2, 0.0),
+        where(here, -hyy * inv2, 0.0), where(here, -hyz * inv2, 0.0), where(here, -hzz * inv2, 0.0),
+    )  # fmt: skip
+    return depth, first, second
 
 
 _TOGETHER = 4096

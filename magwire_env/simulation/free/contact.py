@@ -138,12 +138,13 @@ def touch(
     gradient by the spin, its own second derivative and its mixed ones with x.
     """
     depth, normal, inv, sign, along = spread(0.0), zero3(), spread(0.0), spread(1.0), t
+    bend = zero6()
     in_bricks = load(par, GRID_NX) > 0.0
     in_tube = load(par, GRID_NX) <= 0.0
     if anywhere(in_tube):
         depth, normal, inv, sign, along = tube(table, foot, at, spacing, x, moves)
     if len(grid) > 0 and anywhere(in_bricks):
-        deep, towards = depth_in_bricks(grid, par, x)
+        deep, towards, bend = depth_in_bricks(grid, par, x)
         depth, normal = where(in_bricks, deep, depth), select3(in_bricks, towards, normal)
         inv, sign, along = where(in_bricks, 0.0, inv), where(in_bricks, 1.0, sign), select3(in_bricks, t, along)
     depth = depth + radius
@@ -166,6 +167,7 @@ def touch(
             -round_,
             square(1.0 / maximum(dot(along, along), 1e-30), along),
         )
+        hessian = plus6(hessian, where(in_bricks, exact * force, 0.0), bend)
         old, new = energy, energy
         if anywhere(friction > 0.0):
             n = times(rsqrt(maximum(dot(normal, normal), 1e-30)), normal)

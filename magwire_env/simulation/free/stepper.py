@@ -21,7 +21,8 @@ from . import layout as at
 from .elements import transported, turned
 from .layout import FINEST
 from .magnetics import place_magnets
-from .rod import evaluate, search
+from .rod import evaluate
+from .search import search
 from .sleeve import JOIN, SPLIT, regrid
 from .vectors import dot, load3, plus, select3, store3, sub, times, zero3
 
@@ -135,7 +136,12 @@ def actuate(again, begin, par, lane, dofs, is_turn, q, command, h):
     start = minimum(maximum(goal, cell - slack), cell + slack)
     gap = load(lane, at.FEED_WANT) - load(lane, at.OUT) - start
     store(lane, at.FEED_START, where(begin, start, load(lane, at.FEED_START)))
-    store(lane, at.FEED_GOAL, where(begin, start + minimum(maximum(gap, -most), most), goal))
+    ahead = minimum(maximum(gap, -most), most)
+    store(lane, at.FEED_GOAL, where(begin, start + ahead, goal))
+    # The first guess: a drive that does not give way takes the cell along.
+    holds = begin & (load(par, at.FED) > 0.5) & (absolute(start - cell) < 0.999 * slack)
+    guess = maximum(start + ahead - cell, -MOST_SHRINK * cell)
+    store(lane, at.CELL_MOVE, where(holds, guess, load(lane, at.CELL_MOVE)))
     spun, before = load(lane, at.SPUN), load(lane, at.SPUN_START)
     start = where(again, before, spun)
     most = load(par, at.TWIST_SPEED) * h

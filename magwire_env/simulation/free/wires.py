@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,91 +11,10 @@ from ..threads import cores, share_out
 from . import layout as at
 from . import magnetics, stepper
 from .bricks import Bricks
+from .pieces import Pieces
 from .tubes import Tube
 
 __all__ = ["FreeWires", "Pieces"]
-
-
-@dataclass
-class Pieces:
-    """A wire cut into N segments with N + 1 nodes: what the kernels know of it.
-
-    rest : (N,) m; axial E A : (N,) N; radius : (N,) m; moment : (N,) A·m²; where : (N,) the place on its segment, 0 to
-        1, where a moment feels the field; spin_inertia : (N,) kg·m²
-    bending E I, twisting G J : (N + 1,) N·m² of the joints; curl : (N + 1, 2) 1/m natural curvature
-    mass : (N + 1,) kg; drag : (N + 1,) N·s/m
-    """
-
-    rest: np.ndarray
-    axial: np.ndarray
-    bending: np.ndarray
-    mass: np.ndarray
-    drag: np.ndarray | float = 0.0
-    twisting: np.ndarray | float = 0.0
-    curl: np.ndarray | tuple[float, float] = (0.0, 0.0)
-    radius: np.ndarray | float = 1e-4
-    moment: np.ndarray | float = 0.0
-    where: np.ndarray | float = 0.5
-    spin_inertia: np.ndarray | float = field(default=0.0)
-
-    @property
-    def segments(self) -> int:
-        return len(self.rest)
-
-    @classmethod
-    def uniform(
-        cls,
-        rest: np.ndarray,
-        bending: float,
-        axial: float,
-        mass: float,
-        twisting: float = 0.0,
-        drag: float = 0.0,
-        radius: float = 1e-3,
-    ) -> Pieces:
-        """A wire of the same properties everywhere, cut into segments of length `rest` (N,) m.
-
-        bending E I, twisting G J : N·m²; axial E A : N; mass : kg/m; drag : N·s/m²; radius : m
-        """
-        rest = np.asarray(rest, dtype=np.float64)
-        share = np.zeros(len(rest) + 1)  # m of wire that a node stands for
-        share[:-1] += 0.5 * rest
-        share[1:] += 0.5 * rest
-        return cls(
-            rest=rest, axial=np.full(len(rest), axial), bending=np.full(len(share), bending), mass=mass * share,
-            drag=drag * share, twisting=twisting, radius=radius, spin_inertia=0.5 * mass * rest * radius**2,
-        )  # fmt: skip
-
-    def with_rigid_tip(self, length: float, moment: float, mass: float = 0.0) -> Pieces:
-        """The same wire with a rigid magnet of `length` m, `moment` A·m² and `mass` kg at its end.
-
-        The joint between them bends over half of the wire's last segment alone.
-        """
-
-        def more(value: np.ndarray | float, count: int, last: float) -> np.ndarray:
-            return np.append(np.broadcast_to(value, count), last)
-
-        def largest(value: np.ndarray | float) -> float:
-            return float(np.max(value))
-
-        n, below = self.segments, float(self.rest[-1])
-        out = Pieces(
-            rest=more(self.rest, n, length),
-            axial=more(self.axial, n, largest(self.axial)),
-            bending=more(self.bending, n + 1, 0.0),
-            mass=more(self.mass, n + 1, 0.5 * mass),
-            drag=more(self.drag, n + 1, 0.0),
-            twisting=more(self.twisting, n + 1, 0.0),
-            curl=np.vstack([np.broadcast_to(self.curl, (n + 1, 2)), [0.0, 0.0]]),
-            radius=more(self.radius, n, largest(self.radius)),
-            moment=more(self.moment, n, moment),
-            where=more(self.where, n, 0.5),
-            spin_inertia=more(self.spin_inertia, n, largest(self.spin_inertia)),
-        )
-        for stiffness in (out.bending, np.asarray(out.twisting)):
-            stiffness[n] *= (below + length) / below
-        out.mass[n] += 0.5 * mass
-        return out
 
 
 def _zeros(rows: int, columns: int) -> np.ndarray:

@@ -11,6 +11,8 @@ import pytest
 from magwire_env import Scenario, Simulator
 from magwire_env.lumen.named import straight
 from magwire_env.simulation import Places
+from magwire_env.simulation.free import layout as at
+from magwire_env.simulation.lanes import LANES
 from tests.support.free import fed_fork, paper_free, soft_wire
 
 UP = np.pi / 2
@@ -130,6 +132,15 @@ def test_a_wire_pressed_against_a_dead_end_stays_inside_and_its_base_says_so():
     assert scenario.tree.wall_distance(nodes[1:]).min() > -0.3e-3
     assert np.isfinite(sim.contact_forces).all()
     assert 0.05 < max(pushes) <= scenario.rig.feed.force * 1.01
+
+
+def test_a_step_takes_few_evaluations(moved):
+    """A search on the fork's wall, fed and turned at random: a bounded number of evaluations a step."""
+    sim, _ = moved
+    lanes = sim.model._views["lane"]
+    spent, steps = (lanes[:, field // LANES].reshape(-1)[:17] for field in (at.EVALUATED, at.STEPPED))
+    assert (steps >= sim.model._own.steps).all()
+    assert 2.0 < spent.sum() / steps.sum() < 16.0
 
 
 def test_a_wrong_branch_counts_the_way_back():
