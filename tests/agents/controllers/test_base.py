@@ -8,7 +8,8 @@ import pytest
 
 import magwire_env  # noqa: F401  (registers the ids)
 from agents.catalogue import CONTROLLERS, IN_TREES, OF_TREES
-from agents.controllers import MaxForce
+from agents.controllers import MaxForce, NetForce
+from agents.evaluation.evaluator import evaluate
 
 ID = "MagWire/Steer-v0"
 
