@@ -20,6 +20,7 @@ import numpy as np
 
 import magwire_env
 from magwire_env.envs.observation import CHANNELS
+from magwire_env.envs.route_channels import ROUTE_CHANNELS
 from magwire_env.envs.task import TASKS as REGISTERED
 
 from .scenarios import SPREADS, batch, layout
@@ -102,8 +103,9 @@ def registered(rng: np.random.Generator, lanes: int) -> tuple[str, gym.vector.Ve
 
 
 def channels(task: str) -> tuple[str, ...]:
-    """All channels that a task can show."""
-    return tuple(name for name in CHANNELS if "Track" in task or name != "reference_preview")
+    """All channels that a task of a locked wire can show."""
+    none = set(ROUTE_CHANNELS) if "Track" in task else {"reference_preview", *ROUTE_CHANNELS}
+    return tuple(name for name in CHANNELS if name not in none)
 
 
 def random_scenarios(rng: np.random.Generator, lanes: int, spread: str) -> tuple[str, gym.vector.VectorEnv, int]:

@@ -43,7 +43,7 @@ def test_a_controller_refuses_a_foreign_env():
 def test_a_controller_says_which_channel_it_misses():
     env = gym.make(ID, observe=("tip_speed",))
     observation, _ = env.reset(seed=0)
-    with pytest.raises(ValueError, match="observe must include 'tip_arclength'"):
+    with pytest.raises(ValueError, match="observe must include 'distance_left'"):
         MaxForce.from_env(env).predict(observation)
 
 
