@@ -169,7 +169,8 @@ def _wires(scenario: Any, n: int, step: float, steps: int, clamps: list[_Clamp])
         wires.par("STICK", np.array([_STICK * rod.length for rod in rods]))
         wires.par("WALL", np.array([rod.material.youngs_modulus for rod in rods]))
         wires.par("MOST_MOVE", np.array([rod.length / n for rod in rods]))
-    held, forces = np.zeros((len(rods), n + 1, 3), dtype=bool), np.zeros((len(rods), n + 1, 3))
+    held: np.ndarray = np.zeros((len(rods), n + 1, 3), dtype=bool)
+    forces = np.zeros(held.shape)
     for lane, rod in enumerate(rods):
         for end, (_, node) in _ENDS.items():
             held[lane, node] = getattr(rod, end).value != "free"

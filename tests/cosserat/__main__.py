@@ -33,14 +33,14 @@ def main(arguments: list[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     print(machine(), flush=True)
     solvers, missing = loaded(registry, chosen.solvers)
-    rows, all_well = [], True
+    all_well = True
+    print("", table(HEAD, []), sep="\n", flush=True)
     for case in chosen.cases:
         for solver in solvers:
             result = run(registry.load_experiment(case), solver)
             all_well &= solver.name != OURS or result.outcome == "completed"
-            rows.append(row(result))
-            print("done:", *rows[-1], file=sys.stderr, flush=True)
-    print("", table(HEAD, rows), *missing, sep="\n")
+            print("| " + " | ".join(row(result)) + " |", flush=True)  # each as it comes: some take minutes
+    print("", *missing, sep="\n")
     return 0 if all_well else 1
 
 
