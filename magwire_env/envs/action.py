@@ -45,7 +45,8 @@ class Actuation:
         action = _numbers(action, self._shape)
         rig = self._sim.rig
         if self._moment:
-            lane = int(np.isnan(action).any(axis=1).argmax()) if np.isnan(action).any() else -1
+            wrong = np.isnan(action).any(axis=1)
+            lane = int(wrong.argmax()) if wrong.any() else -1
             if lane < 0:
                 command[:] = self._moment.command(np.clip(action, -1.0, 1.0)).T
         else:

@@ -195,8 +195,8 @@ class SteeringCore:
         magnet: np.ndarray,
     ) -> tuple[Places, Places, np.ndarray]:
         kind, n = self.task.kind, self.sim.num_envs
-        if unknown := set(options) - set(kind.takes if self.navigation else OPTIONS):
-            known = kind.takes if self.navigation else OPTIONS
+        known = kind.takes if self.navigation else OPTIONS
+        if unknown := set(options) - set(known):
             raise ValueError(f"options must be of {', '.join(known)}; got {min(unknown)!r}")
         if not set(options) <= set(kind.takes):
             raise ValueError(

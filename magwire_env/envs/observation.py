@@ -225,6 +225,8 @@ class Observer:
             numbers += own
             if channel.reader is not None:
                 self._others.append((name, channel.reader(sim)))
+        if not numbers:
+            raise ValueError(f"observe must show a number; with this rig {', '.join(names)} shows none")
         self.numbers: tuple[Number, ...] = tuple(numbers)
         self._kinds, self._rows = np.array([(x.kind, x.row) for x in numbers], dtype=np.int64).T.copy()
         self._scales = np.array([x.scale or 1.0 for x in numbers])

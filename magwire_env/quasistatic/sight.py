@@ -67,14 +67,16 @@ def seen_along(v, at, line, scale, seen, column):
 @kernel
 def sight_ahead(found, entries, slots, magnets, q, scale, seen):
     """How the magnets stand to the places `found` (n, k, 9), see `SightPreview`."""
-    work, line, slide = np.zeros((6, 3)), np.zeros(3), np.eye(3)
-    work[REST, 2] = 1.0
+    stands, line, slide = np.zeros((slots.shape[0], 6, 3)), np.zeros(3), np.eye(3)
+    stands[:, REST, 2] = 1.0
     for lane in range(seen.shape[0]):
         here, column = seen[lane], 0
+        for m in range(slots.shape[0]):
+            stand(slots, m, magnets[entries[lane], m], q, lane, stands[m])
         for k in range(found.shape[1]):
             at = found[lane, k]
             for m in range(slots.shape[0]):
-                stand(slots, m, magnets[entries[lane], m], q, lane, work)
+                work = stands[m]
                 distance = 0.0
                 for axis in range(3):
                     line[axis] = at[axis] - work[CENTRE, axis]

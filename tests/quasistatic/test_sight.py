@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -9,7 +10,7 @@ from magwire_env.physics.dipoles import MU0
 from magwire_env.quasistatic.pool import scenario_pool
 from magwire_env.quasistatic.preview import DrivePreview
 from magwire_env.quasistatic.sight import SightPreview, own_dofs
-from magwire_env.scenario import Scenario
+from magwire_env.scenario import Coil, Rig, Scenario
 from magwire_env.simulation import Simulator
 
 OFFSETS = np.array([0.0, 0.03])
@@ -61,3 +62,12 @@ def test_a_slide_shows_its_axis():
     for i in range(len(slides)):  # x, then y
         seen = numbers[:, -6 + 3 * i : numbers.shape[1] - 3 + 3 * i]
         np.testing.assert_allclose(seen, np.stack([at[:, 3 + i], line[:, i], 0.1 * at[:, 6 + i]], axis=1), rtol=1e-12)
+
+
+def test_a_rig_without_magnets_shows_none():
+    coils = Scenario.paper().replace(rig=Rig(coils=(Coil("x"),)))
+    assert gym.make(
+        "MagWire/Steer-v1", scenario=coils, observe=("magnet", "magnet_preview")
+    ).observation_space.shape == (1,)
+    with pytest.raises(ValueError, match="observe must show a number; with this rig magnet_preview shows none"):
+        gym.make("MagWire/Steer-v1", scenario=coils, observe=("magnet_preview",))
