@@ -14,7 +14,7 @@ import gymnasium as gym
 import numpy as np
 
 import magwire_env  # noqa: F401  (registers the ids)
-from agents.catalogue import CONTROLLERS, PAR, REFERENCE, resolve
+from agents.catalogue import CONTROLLERS, PAR, REFERENCE, compared_with, resolve
 from agents.env_kwargs import world
 from agents.evaluation.episodes import EVALUATION_SEED, built, episodes
 from magwire_env.plotting import BLACK, BLUE, GREEN, ORANGE, RED, SKY, blank, broken, styled
@@ -23,11 +23,10 @@ from magwire_env.render.extra import need
 from magwire_env.render.paint import DRIVE, INK, NORTH, SOUTH, TARGET, load_colour
 from magwire_env.render.panels import drive_name, map_limit, map_name, map_of
 from magwire_env.render.snapshot import Snapshot, snapshots
+from magwire_env.scenario import Scenario
+from magwire_env.simulation.model import supports
 
 __all__ = ["Trace", "film", "leave_in", "plots", "trace"]
-
-BESIDE = (REFERENCE, PAR)
-"""Controllers drawn beside a policy."""
 
 _LAST_FRAME = 1.0
 """Time for which the last frame of a video is shown, s."""
@@ -132,7 +131,7 @@ def plots(policy: Any, name: str, folder: Path, task: str, seed: int = EVALUATIO
     traces = [trace(policy, name, task, seed, **settings)]
     # A trained model may have its own observation and action; a controller takes the task's.
     settings = world(settings)
-    for other in BESIDE:
+    for other in _beside(task, traces[0].moments[0].scenario):
         if other != name:
             traces.append(trace(CONTROLLERS[other].from_env, other, task, seed, **settings))
     written = [_arclength_plot(traces, task, folder / "arclength.png")]
@@ -140,6 +139,11 @@ def plots(policy: Any, name: str, folder: Path, task: str, seed: int = EVALUATIO
     if data is not None:
         written.append(_path_plot(traces, data, task, folder / "path.png"))
     return written
+
+
+def _beside(task: str, scenario: Scenario) -> list[str]:
+    """The two controllers drawn beside a policy: the reference, and the par where the wire model has one."""
+    return [name for name in compared_with(task)[:2] if name != PAR or supports(scenario, "quasistatic")]
 
 
 def leave_in(folder: Path, name: str, task: str, **settings: Any) -> list[Path]:
