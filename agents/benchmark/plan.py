@@ -20,7 +20,7 @@ import magwire_env
 from magwire_env.envs.task import TASKS, Task
 from magwire_env.physics.checks import whole
 
-from ..catalogue import CONTROLLERS, FLOORS, OF_TREES, PAR, REFERENCE, controller, resolve
+from ..catalogue import CONTROLLERS, FLOORS, OF_TREES, PAR, REFERENCE, controller, has_par, resolve
 from ..evaluation.episodes import EVALUATION_SEED
 from ..evaluation.robustness import DISTURBANCES
 from ..learning.hyperparameters import hyperparameters
@@ -102,8 +102,8 @@ def _arena_of(task: Task) -> Arena:
     return Arena(name, task.id, split="test", episodes=episodes, controllers=some)
 
 
-_PLAYED = tuple(task for task in TASKS.values() if not task.kind.navigates)
-"""Tasks of the benchmark; navigating ones have other controllers, see `agents.catalogue.IN_TREES`."""
+_PLAYED = tuple(task for task in TASKS.values() if has_par(task.id))
+"""Tasks of the benchmark, which scores by the par; those of free wires have none."""
 
 ARENAS: tuple[Arena, ...] = (
     *map(_arena_of, _PLAYED),

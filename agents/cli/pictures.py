@@ -14,7 +14,7 @@ import gymnasium as gym
 import numpy as np
 
 import magwire_env  # noqa: F401  (registers the ids)
-from agents.catalogue import CONTROLLERS, PAR, REFERENCE, compared_with, resolve
+from agents.catalogue import CONTROLLERS, PAR, REFERENCE, compared_with, has_par, resolve
 from agents.env_kwargs import world
 from agents.evaluation.episodes import EVALUATION_SEED, built, episodes
 from magwire_env.plotting import BLACK, BLUE, GREEN, ORANGE, RED, SKY, blank, broken, styled
@@ -126,7 +126,10 @@ def _write_gif(path: Path, frames: list[np.ndarray], fps: float) -> None:
 
 
 def plots(policy: Any, name: str, folder: Path, task: str, seed: int = EVALUATION_SEED, **settings: Any) -> list[Path]:
-    """Draw one episode: arclength.png and, for a rig with one degree of freedom, path.png over its force map."""
+    """Draw one episode beside the task's reference and its par, where it has one.
+
+    arclength.png and, for a rig with one degree of freedom, path.png over its force map.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     traces = [trace(policy, name, task, seed, **settings)]
     # A trained model may have its own observation and action; a controller takes the task's.
@@ -142,8 +145,9 @@ def plots(policy: Any, name: str, folder: Path, task: str, seed: int = EVALUATIO
 
 
 def _beside(task: str, scenario: Scenario) -> list[str]:
-    """The two controllers drawn beside a policy: the reference, and the par where the wire model has one."""
-    return [name for name in compared_with(task)[:2] if name != PAR or supports(scenario, "quasistatic")]
+    """The controllers drawn beside a policy: the reference, and the par where the wire model has one."""
+    par = supports(scenario, "quasistatic") and has_par(task)
+    return [compared_with(task, par=False)[0], *((PAR,) if par else ())]
 
 
 def leave_in(folder: Path, name: str, task: str, **settings: Any) -> list[Path]:

@@ -125,6 +125,7 @@ TASKS = {
                 ("Dual", "Dual", 60.0),
             )
         ),
+        Task("MagWire/SteerFree-v0", _STEER, arenas.dragged, action_mode="rate"),
         Task("MagWire/Navigate-v0", Navigate(), arenas.arch, time_limit=20.0, observe=_TREE, action_mode="moment"),
     )
 }

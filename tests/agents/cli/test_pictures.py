@@ -64,7 +64,7 @@ def test_a_fed_wire_is_drawn_beside_the_controllers_of_trees(tmp_path):
 
 
 def test_the_par_is_drawn_where_the_wire_has_one():
-    assert _beside("MagWire/Navigate-v0", TASKS["MagWire/Navigate-v0"].scenario()) == ["FollowRoute", "RecoverRoute"]
+    assert _beside("MagWire/Navigate-v0", TASKS["MagWire/Navigate-v0"].scenario()) == ["FollowRoute"]
     assert _beside(ID, Scenario.paper()) == ["MaxForce", "Optimal"]
     assert _beside(ID, Scenario.paper().replace(model="free")) == ["MaxForce"]
 
