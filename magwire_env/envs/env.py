@@ -115,9 +115,7 @@ class MagWireEnv(SpecWithLimit, gym.Env[Any, np.ndarray]):  # type: ignore[misc]
         """The simulator, one lane."""
         return self.core.sim
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; see Starting State for `options`."""
         super().reset(seed=seed)
         self.core.begin(np.zeros(1, dtype=np.int64), [self.np_random], options)

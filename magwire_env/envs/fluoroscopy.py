@@ -111,9 +111,13 @@ def split(observe: Shown | Sequence[Shown]) -> tuple[tuple[str, ...], Fluoroscop
 
     Raises `ValueError` for two images, and for something that is neither a name nor an image's options.
     """
-    given = (observe,) if isinstance(observe, (str, Fluoroscopy, Mapping)) else tuple(observe)
-    names, images = [], []
-    for one in given:
+    if isinstance(observe, (str, Fluoroscopy, Mapping)):
+        observe = (observe,)
+    if not isinstance(observe, Sequence):
+        raise ValueError(f"observe must be a sequence of channels' names, {FLUOROSCOPY!r} or both, got {observe!r}")
+    names: list[str] = []
+    images: list[Fluoroscopy] = []
+    for one in observe:
         if one == FLUOROSCOPY:
             images.append(Fluoroscopy())
         elif isinstance(one, (Fluoroscopy, Mapping)):

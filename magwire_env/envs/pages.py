@@ -104,7 +104,7 @@ def page(task_id: str) -> str:
         "Description": [f"{kind.__doc__} {_FED if kind.navigates else _DRAGGED.format(scenario.coupling)}"],
         "Observation Space": [
             "`Box(float32)`; other channels by name with `observe=`, see `magwire_env.envs.observation.CHANNELS`; "
-            "images by `observe=\"fluoroscopy\"`, see `magwire_env.envs.fluoroscopy`.",
+            'images by `observe="fluoroscopy"`, see `magwire_env.envs.fluoroscopy`.',
             _observation_table(task, scenario),
         ],
         "Action Space": [_ACTIONS, _action_table(scenario, task.action_mode)],

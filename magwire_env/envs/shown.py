@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Box, Dict
+from gymnasium.spaces import Box, Dict, Space
 
 from ..simulation import Simulator
 from .episodes import Episodes
@@ -18,8 +18,8 @@ from .readings import Readings
 __all__ = ["Observation", "Shown", "of_lane"]
 
 Observation = np.ndarray | dict[str, np.ndarray]
-"""(n, size) float32; or, with an image, {"image": (n, 1, size, size) uint8, "state": (n, size) float32}, the latter only
-where channels are asked for too."""
+"""(n, size) float32; or, with an image, {"image": (n, 1, size, size) uint8, "state": (n, size) float32}, where "state" is
+there only if channels are asked for too."""
 
 
 class Shown:
@@ -41,7 +41,7 @@ class Shown:
         self.fluoroscope = None if options is None else Fluoroscope(sim, episodes, options, threads)
         self.space: Box | Dict = self.observer.space
         if self.fluoroscope is not None:
-            spaces = {"image": self.fluoroscope.space} | ({"state": self.observer.space} if names else {})
+            spaces: dict[str, Space] = {"image": self.fluoroscope.space} | ({"state": self.observer.space} if names else {})
             self.space = Dict(spaces)
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+from itertools import pairwise
 
 import gymnasium as gym
 import numpy as np
@@ -51,7 +52,7 @@ def wanted(env, half, magnet_half):
     y, x = np.mgrid[:size, :size] + 0.5
     image = np.full((size, size), float(BRIGHT))
     for chain, h, through in ((places, half, 0.35), (seen_by(env).place(np.array(magnet)), magnet_half, 0.0)):
-        for a, b in zip(chain[:-1], chain[1:], strict=True):
+        for a, b in pairwise(chain):
             way = b - a
             share = np.clip(((x - a[0]) * way[0] + (y - a[1]) * way[1]) / max(way @ way, 1e-12), 0, 1)
             away = np.hypot(x - a[0] - share * way[0], y - a[1] - share * way[1])
