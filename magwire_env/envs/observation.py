@@ -203,9 +203,8 @@ def _numbers_of_own(sim: Simulator, size: int) -> Sequence[Number]:
 class Observer:
     """Concatenates channels into one float32 array.
 
-    numbers : what stands in each column
-
     alone : there is no image beside the numbers, so there must be some
+    numbers : what stands in each column
 
     Raises `ValueError` for a channel that does not exist, or none at all.
     """
