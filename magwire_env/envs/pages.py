@@ -104,7 +104,8 @@ def page(task_id: str) -> str:
     sections = {
         "Description": [f"{kind.__doc__} {_wire(kind, scenario)}"],
         "Observation Space": [
-            "`Box(float32)`; other channels by name with `observe=`, see `magwire_env.envs.observation.CHANNELS`.",
+            "`Box(float32)`; other channels by name with `observe=`, see `magwire_env.envs.observation.CHANNELS`; "
+            'images by `observe="fluoroscopy"`, see `magwire_env.envs.fluoroscopy`.',
             _observation_table(task, scenario),
         ],
         "Action Space": [_ACTIONS, _action_table(scenario, task.action_mode)],
