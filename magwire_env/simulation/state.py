@@ -62,10 +62,13 @@ class SimulatorState:
         return self.part("velocities")
 
     def replaced(self, magnet: np.ndarray | None = None, **parts: np.ndarray) -> SimulatorState:
-        """A copy with another rig, or with other numbers in the columns of these names."""
+        """A copy with another rig, or with other numbers in the columns of these names: (n, k) as `part` gives them,
+        (k,) for every wire, or one number. Raises `ValueError` for another shape or name."""
         wire = self.wire.copy()
         for name, value in parts.items():
-            self.part(name)
+            shape = self.part(name).shape
+            if np.shape(value) not in ((), shape[1:], shape):
+                raise ValueError(f"{name} must have shape {shape}, {shape[1:]} or (), got {np.shape(value)}")
             wire[:, self.columns[name]] = value
         return dataclasses.replace(self, wire=wire, magnet=self.magnet if magnet is None else np.asarray(magnet))
 
