@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import sys
 import threading
 import time
 
@@ -126,6 +127,16 @@ def test_a_wire_that_diverges_is_named_and_not_hidden_in_an_observation():
         env.step(np.float32([0.0]))
 
 
+@pytest.fixture
+def restless():
+    """Threads are switched all the time, as they are on a busy machine now and then."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+@pytest.mark.usefixtures("restless")
 def test_rollouts_side_by_side_are_right():
     sim = Simulator(PAPER, num_envs=8)
     sim.reset(tip_arclength=np.linspace(0.2, 0.5, 8))
@@ -146,6 +157,7 @@ def test_rollouts_side_by_side_are_right():
     assert all(np.array_equal(got, expected[i]) for i in range(6) for got in found[i])
 
 
+@pytest.mark.usefixtures("restless")
 def test_threads_that_step_one_simulator_take_turns():
     """Without turns, wires move through half a step of each, and under the other thread's command."""
     sim, alone = (Simulator(PAPER, num_envs=64) for _ in range(2))
