@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from magwire_env.words import counted
+
 __all__ = ["check_action", "check_fit", "shown"]
 
 
@@ -64,4 +66,4 @@ def shown(env: Any) -> str:
     core = getattr(getattr(env, "unwrapped", env), "core", None)
     if core is None:
         return str(env)
-    return f"{core.task.id} ({core.observer.space.shape[0]} numbers: {', '.join(core.observer.names)})"
+    return f"{core.task.id} ({counted(core.observer.space.shape[0], 'number')}: {', '.join(core.observer.names)})"

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from magwire_env.words import counted
+
 __all__ = ["ACTIVATIONS", "Layer", "Normalization", "PlainPolicy", "PolicyAbout"]
 
 _PRODUCTS = 1_000_000
@@ -176,13 +178,15 @@ class PlainPolicy:
         shown = tuple(core.observer.names)
         if shown != self.about.channels or core.observer.space.shape != (self.size,):
             return (
-                f"the policy was trained on {self.task} to see {self.size} numbers ({', '.join(self.about.channels)}), "
+                f"the policy was trained on {self.task} to see {counted(self.size, 'number')} "
+                f"({', '.join(self.about.channels)}), "
                 f"but {core.task.id} shows {core.observer.space.shape[0]} here ({', '.join(shown)})"
             )
         mode = self.about.env.get("action_mode", TASKS[self.task].action_mode)
         if (core.actuation.mode, core.actuation.space.shape) != (mode, self.low.shape):
             return (
-                f"the policy was trained on {self.task} to give {len(self.low)} numbers (action_mode {mode!r}), but "
+                f"the policy was trained on {self.task} to give {counted(len(self.low), 'number')} "
+                f"(action_mode {mode!r}), but "
                 f"{core.task.id} takes {core.actuation.space.shape[0]} here (action_mode {core.actuation.mode!r})"
             )
         return ""

@@ -17,6 +17,8 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as arrays_of
 from safetensors.numpy import save as bytes_of
 
+from magwire_env.words import counted
+
 from ..notes import note
 from ..shipped import folder_of
 from .plain_policy import ACTIVATIONS, Layer, Normalization, PlainPolicy, PolicyAbout
@@ -88,9 +90,13 @@ def read(folder: Path) -> PlainPolicy:
     widths = [frames * size, *(len(layer.bias) for layer in layers)]
     for i, layer in enumerate(layers):
         if len(layer.weight) != widths[i]:
-            raise ValueError(f"{stored.where}: layers[{i}] must take {widths[i]} numbers, got {len(layer.weight)}")
+            raise ValueError(
+                f"{stored.where}: layers[{i}] must take {counted(widths[i], 'number')}, got {len(layer.weight)}"
+            )
     if not layers or widths[-1] != actions:
-        raise ValueError(f"{stored.where}: layers must end in the {actions} numbers of an action, got {widths[1:]}")
+        raise ValueError(
+            f"{stored.where}: layers must end in {counted(actions, 'number')}, as an action has, got {widths[1:]}"
+        )
     low, high = (arrays.take(f"action.{end}", (actions,), np.float32) for end in ("low", "high"))
     return PlainPolicy(
         layers, _normalization(stored, arrays, frames * size), low, high, stored.get("squashed", bool), frames,
@@ -173,7 +179,9 @@ def _layer(i: int, stored: Stored, arrays: _Arrays) -> Layer:
     activation, parameters = stored.one_of("activation", ACTIVATIONS), stored.get("parameters", list)
     count = ACTIVATIONS[activation][1]
     if len(parameters) != count or any(not isinstance(p, (int, float)) for p in parameters):
-        raise ValueError(f"{stored.where}: parameters of {activation} must be {count} numbers, got {parameters!r:.80}")
+        raise ValueError(
+            f"{stored.where}: parameters of {activation} must be {counted(count, 'number')}, got {parameters!r:.80}"
+        )
     weight = arrays.take(f"layers.{i}.weight", (shape[0], shape[1]), np.float32)
     return Layer(weight, arrays.take(f"layers.{i}.bias", (shape[1],), np.float32), activation, tuple(parameters))
 

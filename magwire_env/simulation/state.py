@@ -62,13 +62,15 @@ class SimulatorState:
         return self.part("velocities")
 
     def replaced(self, magnet: np.ndarray | None = None, **parts: np.ndarray) -> SimulatorState:
-        """A copy with another rig, or with other numbers in the columns of these names: (n, k) as `part` gives them,
-        (k,) for every wire, or one number. Raises `ValueError` for another shape or name."""
+        """A copy with another rig, or with other numbers in the columns of these names: (n, k) as `part` gives them, or
+        what broadcasts to that. Raises `ValueError` for another shape or name."""
         wire = self.wire.copy()
         for name, value in parts.items():
-            shape = self.part(name).shape
-            if np.shape(value) not in ((), shape[1:], shape):
-                raise ValueError(f"{name} must have shape {shape}, {shape[1:]} or (), got {np.shape(value)}")
+            column = self.part(name)
+            try:
+                np.broadcast_to(value, column.shape)
+            except ValueError:
+                raise ValueError(f"{name} must have shape {column.shape}, got {np.shape(value)}") from None
             wire[:, self.columns[name]] = value
         return dataclasses.replace(self, wire=wire, magnet=self.magnet if magnet is None else np.asarray(magnet))
 

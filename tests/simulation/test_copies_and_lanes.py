@@ -105,7 +105,7 @@ def test_numbers_that_are_none_are_refused_before_anything_is_changed(change):
 @pytest.mark.parametrize("value", [np.zeros(5), np.zeros((3, 17)), np.zeros((2, 17, 1))])
 def test_numbers_of_another_shape_are_refused(value):
     state = Simulator(PAPER, num_envs=2).state()
-    with pytest.raises(ValueError, match=r"velocities must have shape \(2, 17\), \(17,\) or \(\), got"):
+    with pytest.raises(ValueError, match=r"velocities must have shape \(2, 17\), got"):
         state.replaced(velocities=value)
 
 
