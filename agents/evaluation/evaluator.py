@@ -16,6 +16,7 @@ from magwire_env.envs.task import TASKS, known_task
 from magwire_env.progress import Progress
 from magwire_env.quasistatic.pool import scenario_pool
 from magwire_env.validation.report import format_table
+from magwire_env.words import counted
 
 from .episodes import EVALUATION_SEED, built
 from .episodes import episodes as played
@@ -244,7 +245,8 @@ def _untrusted(rows: list[Episodes]) -> list[str]:
     for row in rows:
         untrusted = int((row.unconverged > 0).sum())
         if untrusted:
-            said = f"{row.policy}: {untrusted} of {len(row.success)} episodes have steps not to be trusted, in which "
+            share = f"{untrusted} of {counted(len(row.success), 'episode')} {'has' if untrusted == 1 else 'have'}"
+            said = f"{row.policy}: {share} steps not to be trusted, in which "
             lines += ["", said + "friction did not converge, nodes passed each other, or the step was too long."]
     return lines
 
