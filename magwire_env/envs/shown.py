@@ -41,7 +41,9 @@ class Shown:
         self.fluoroscope = None if options is None else Fluoroscope(sim, episodes, options, threads)
         self.space: Box | Dict = self.observer.space
         if self.fluoroscope is not None:
-            spaces: dict[str, Space] = {"image": self.fluoroscope.space} | ({"state": self.observer.space} if names else {})
+            spaces: dict[str, Space] = {"image": self.fluoroscope.space} | (
+                {"state": self.observer.space} if names else {}
+            )
             self.space = Dict(spaces)
 
     @property

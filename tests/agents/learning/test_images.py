@@ -135,7 +135,9 @@ def test_a_replay_buffer_with_images_goes_on_too(tmp_path, monkeypatch):
 
 def test_a_policy_says_where_it_does_not_fit():
     _, policy = trained(steps=64)
-    with pytest.raises(ValueError, match=r"to see an image of 40 × 40 px; 3 numbers: tip_speed, magnet, but .* shows 7"):
+    with pytest.raises(
+        ValueError, match=r"to see an image of 40 × 40 px; 3 numbers: tip_speed, magnet, but .* shows 7"
+    ):
         evaluate(policy, ID, 1)
     with pytest.raises(ValueError, match="shows an image of 84 × 84 px; 3 numbers"):
         evaluate(policy, ID, 1, observe=("fluoroscopy", "tip_speed", "magnet"))
