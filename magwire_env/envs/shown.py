@@ -18,7 +18,7 @@ from .readings import Readings
 __all__ = ["Observation", "Shown", "of_lane"]
 
 Observation = np.ndarray | dict[str, np.ndarray]
-"""(n, size) float32; or, with an image, {"image": (n, 1, size, size) uint8, "state": (n, size) float32}, where "state" is
+"""(n, size) float32; with an image {"image": (n, 1, size, size) uint8, "state": (n, size) float32}, where "state" is
 there only if channels are asked for too."""
 
 
