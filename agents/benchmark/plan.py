@@ -121,15 +121,15 @@ _FORCE_ONLY = ("SteerAny force only",)
 
 _LEARNED = tuple(a.name for a in ARENAS if a.models is None and a.controllers is None)
 
-_KNOWING = tuple(name for name in _LEARNED if name not in ("Steer", "hard scenario"))
-"""Arenas whose tracts, or ways, a policy that sees a force model can make use of."""
+_KNOWING = ("SteerAny", "Orient", "Chase", "Dual")
+"""Arenas whose tracts a policy that sees a force model can make use of."""
 
 LEARNERS: tuple[Learner, ...] = (
     Learner("ppo", _LEARNED, 5),
     Learner("knows_ppo", _KNOWING, 3),
-    Learner("sac", ("Steer", "SteerAny"), 3),
-    Learner("tqc", ("Steer", "SteerAny"), 3),
-    Learner("crossq", ("Steer", "SteerAny"), 3),
+    Learner("sac", ("Steer",), 3),
+    Learner("tqc", ("Steer",), 3),
+    Learner("crossq", ("Steer",), 3),
     Learner("stacked_ppo", _FORCE_ONLY, 3),
 )
 

@@ -23,6 +23,8 @@ from magwire_env.render.extra import need
 from magwire_env.render.paint import DRIVE, INK, NORTH, SOUTH, TARGET, load_colour
 from magwire_env.render.panels import drive_name, map_limit, map_name, map_of
 from magwire_env.render.snapshot import Snapshot, snapshots
+from magwire_env.scenario import Scenario
+from magwire_env.simulation.model import supports
 
 __all__ = ["Trace", "film", "leave_in", "plots", "trace"]
 
@@ -132,7 +134,7 @@ def plots(policy: Any, name: str, folder: Path, task: str, seed: int = EVALUATIO
     traces = [trace(policy, name, task, seed, **settings)]
     # A trained model may have its own observation and action; a controller takes the task's.
     settings = world(settings)
-    for other in (compared_with(task, par=False)[0], *((PAR,) if has_par(task) else ())):
+    for other in _beside(task, traces[0].moments[0].scenario):
         if other != name:
             traces.append(trace(CONTROLLERS[other].from_env, other, task, seed, **settings))
     written = [_arclength_plot(traces, task, folder / "arclength.png")]
@@ -140,6 +142,12 @@ def plots(policy: Any, name: str, folder: Path, task: str, seed: int = EVALUATIO
     if data is not None:
         written.append(_path_plot(traces, data, task, folder / "path.png"))
     return written
+
+
+def _beside(task: str, scenario: Scenario) -> list[str]:
+    """The controllers drawn beside a policy: the reference, and the par where the wire model has one."""
+    par = supports(scenario, "quasistatic") and has_par(task)
+    return [compared_with(task, par=False)[0], *((PAR,) if par else ())]
 
 
 def leave_in(folder: Path, name: str, task: str, **settings: Any) -> list[Path]:
