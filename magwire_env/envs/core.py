@@ -25,6 +25,7 @@ from .kernels import VALUE
 from .navigation import Navigation
 from .observation import CHANNELS
 from .rewards import TERMS, RewardTerm, RewardWeights, checked_terms, info_name
+from .shapes import Shapes
 from .shown import Observation, Shown
 from .task import TASKS, Task
 
@@ -83,6 +84,8 @@ class SteeringCore:
         self.actuation = Actuation(self.sim, self.task.action_mode if action_mode is None else action_mode)
         self.episodes = Episodes(self.sim, self.task, self.step_limit)
         self.navigation = Navigation(self.sim, self.task) if self.task.kind.navigates else None
+        self.shapes = Shapes(self.sim, self.task) if self.task.kind.shapes else None
+        self.episodes.shapes = self.shapes
         seen = self.task.observe if observe is None else observe
         self.shown = Shown(self.sim, self.episodes, seen, self.step_limit, threads)
         self.observer = self.shown.observer
@@ -138,6 +141,8 @@ class SteeringCore:
         magnet = low + drawn[:, kind.draws :] * (high - low)
         held = kind.magnets(sim.library, entries, start.s)
         magnet = magnet if held is None else held
+        if self.shapes:
+            self.shapes.choose(lanes, entries, drawn[:, 0], (options or {}).get("target"))
         if options:
             start, goal, magnet = self._overridden(options, lanes, entries, start, goal, magnet)
         if self.navigation:
@@ -169,6 +174,8 @@ class SteeringCore:
         final : (n,) m, of a task that comes back
         """
         self.sim.lay(lanes, start, magnet, goal)
+        if self.shapes:
+            self.shapes.measure(lanes)
         self.episodes.begin(lanes, reference, final)
         if self.navigation:
             self.navigation.begin(lanes)
@@ -205,6 +212,8 @@ class SteeringCore:
                 f"options must be of {', '.join(kind.takes)} alone in the task {self.task.id}, which fixes the rest"
             )
         magnet = self._magnet_option(options, lanes, magnet)
+        if self.shapes:
+            return start, goal, magnet
         if self.navigation:
             return *self.navigation.overridden(options, lanes, entries, start, goal), magnet
         end = self.sim.library.tract_length[entries]
@@ -256,6 +265,8 @@ class SteeringCore:
         sim.advance()
         if self.navigation:
             self.navigation.moved()
+        if self.shapes:
+            self.shapes.measure()
         if before is not None:
             episodes.turned = self.actuation.turned(before)
         values = np.empty((len(VALUE), episodes.lanes.shape[1]))
@@ -328,8 +339,8 @@ class SteeringCore:
 
     def start_info(self, lane: int | None = None) -> dict[str, Any]:
         """`info` of a reset: the target (m), and what was drawn."""
-        if self.navigation:
-            return {**self.navigation.start_info(lane), **self.drawn(lane)}
+        if told := self.navigation or self.shapes:
+            return {**told.start_info(lane), **self.drawn(lane)}
         return {"target": self.goal if lane is None else self.sim.goal_of(lane), **self.drawn(lane)}
 
     def summary(self, lanes: np.ndarray) -> dict[str, np.ndarray]:
@@ -379,8 +390,8 @@ def _scenarios(
 
 def _check_ways(task: Task, scenarios: Sequence[Scenario]) -> None:
     for i, sc in enumerate(scenarios):
-        if sc.rig.feed is not None:
-            continue  # how far it goes is the feed's business
+        if sc.rig.feed is not None or sc.rig.clamped:
+            continue  # how far it goes is the feed's business, or no one's
         first, last = sc.wire.length - task.start_spread, sc.tract.length - task.goal_margin
         if first < 0 or sc.wire.length + task.start_spread >= last - 0.05:
             raise ValueError(

@@ -56,6 +56,8 @@ def load_lanes(env: MagWireVectorEnv, state: dict[str, Any]) -> None:
         core.begin(lanes, rngs, None)
         core.sim.set_goal(lanes, Places(**state["goals"]))
         core.sim.load_state(dataclasses.replace(core.sim.state(), **state["wires"]))
+        if core.shapes:
+            core.shapes.measure()
         core.episodes.lanes[:, :n] = state["episodes"]
         core.episodes.turned[:] = state["turned"]
         core.action[:] = state["action"]

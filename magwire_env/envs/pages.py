@@ -28,6 +28,7 @@ ABOUT = {
     "Hard": "Steer along a tract never seen before, where the best command leaves less than 0.3 mN somewhere.",
     "Navigate": "Bring the tip of a wire that is fed into the aortic arch into the branch drawn for the episode.",
     "SteerFree": "Drag a free wire by its tip to the end of the paper's tract, with a magnet that follows it.",
+    "Shape": "Bring a clamped wire in free space into a wanted shape, by a uniform field of any direction.",
     "Dual": "Steer along a tract never seen before, with one turning magnet above it and one below.",
 }
 """By a task's name, what it asks."""
@@ -140,6 +141,10 @@ _FED = (
     "The wire is a rod in space that touches the walls with friction, is fed from its base, and is turned by a magnet "
     "outside; see `magwire_env.simulation.free` and `magwire_env.envs.arenas`."
 )
+_CLAMPED = (
+    "The wire is a rod in space, held at its base, that external magnets or coils bend by its magnetic tip; see "
+    "`magwire_env.envs.shapes` and `magwire_env.envs.arenas`."
+)
 _FREE = (
     "The wire is a rod in space that touches the tract's wall with friction; its magnetic tip, pulled and turned by "
     "external magnets, drags it; see `magwire_env.simulation.free`."
@@ -163,6 +168,8 @@ def _wire(kind: Kind, scenario: Scenario) -> str:
     """What moves, and what moves it."""
     if kind.navigates:
         return _FED
+    if kind.shapes:
+        return _CLAMPED
     return _FREE if scenario.model == "free" else _DRAGGED.format(scenario.coupling)
 
 

@@ -15,6 +15,7 @@ from . import arenas
 from .kinds import KINDS, Kind
 from .navigation import Navigate
 from .rewards import RewardWeights
+from .shapes import Shape
 
 __all__ = ["DEFAULT_CHANNELS", "TASKS", "RewardWeights", "Task", "known_task", "register_task"]
 
@@ -126,6 +127,15 @@ TASKS = {
             )
         ),
         Task("MagWire/SteerFree-v0", _STEER, arenas.dragged, action_mode="rate"),
+        Task(
+            "MagWire/Shape-v0",
+            Shape(),
+            arenas.clamped,
+            tolerance=3e-3,
+            time_limit=10.0,
+            observe=("wire_points", "wanted_points", "magnet"),
+            action_mode="rate",
+        ),
         Task("MagWire/Navigate-v0", Navigate(), arenas.arch, time_limit=20.0, observe=_TREE, action_mode="moment"),
     )
 }
