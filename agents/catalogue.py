@@ -31,6 +31,7 @@ from typing import Any, TypeVar
 
 from magwire_env.envs.task import TASKS, known_task
 from magwire_env.render.extra import need
+from magwire_env.simulation.model import supports
 
 from .controllers import (
     MPPI,
@@ -61,6 +62,7 @@ __all__ = [
     "Entrant",
     "compared_with",
     "controller",
+    "has_par",
     "register_controller",
     "resolve",
 ]
@@ -140,11 +142,18 @@ def controller(name: str) -> Any:
 def compared_with(task: str, par: bool = True, floors: bool = False) -> tuple[str, ...]:
     """Names of the controllers that a policy of this task is compared with: the reference, the floors, the par.
 
-    Of navigating tasks there is no par, and the floors always come.
+    Of navigating tasks the floors always come. Only tasks of locked wires have a par, see `has_par`.
     """
     if TASKS[task].kind.navigates:
         return IN_TREES
+    par = par and has_par(task)
     return (REFERENCE, *(FLOORS if floors else ()), *((PAR,) if par else ()))
+
+
+def has_par(task: str) -> bool:
+    """Whether there is a par for a task: it is planned with the theory of the locked wire."""
+    made = TASKS[task].scenario
+    return not TASKS[task].kind.navigates and (made is None or supports(made(), "quasistatic"))
 
 
 @dataclass(frozen=True, eq=False)

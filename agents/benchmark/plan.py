@@ -20,7 +20,7 @@ import magwire_env
 from magwire_env.envs.task import TASKS, Task
 from magwire_env.physics.checks import whole
 
-from ..catalogue import CONTROLLERS, FLOORS, OF_TREES, PAR, REFERENCE, controller, resolve
+from ..catalogue import CONTROLLERS, FLOORS, OF_TREES, PAR, REFERENCE, controller, has_par, resolve
 from ..evaluation.episodes import EVALUATION_SEED
 from ..evaluation.robustness import DISTURBANCES
 from ..learning.hyperparameters import hyperparameters
@@ -102,8 +102,8 @@ def _arena_of(task: Task) -> Arena:
     return Arena(name, task.id, split="test", episodes=episodes, controllers=some)
 
 
-_PLAYED = tuple(task for task in TASKS.values() if not task.kind.navigates)
-"""Tasks of the benchmark; navigating ones have other controllers, see `agents.catalogue.IN_TREES`."""
+_PLAYED = tuple(task for task in TASKS.values() if has_par(task.id))
+"""Tasks of the benchmark, which scores by the par; those of free wires have none."""
 
 ARENAS: tuple[Arena, ...] = (
     *map(_arena_of, _PLAYED),
@@ -121,15 +121,15 @@ _FORCE_ONLY = ("SteerAny force only",)
 
 _LEARNED = tuple(a.name for a in ARENAS if a.models is None and a.controllers is None)
 
-_KNOWING = tuple(name for name in _LEARNED if name not in ("Steer", "hard scenario"))
-"""Arenas whose tracts, or ways, a policy that sees a force model can make use of."""
+_KNOWING = ("SteerAny", "Orient", "Chase", "Dual")
+"""Arenas whose tracts a policy that sees a force model can make use of."""
 
 LEARNERS: tuple[Learner, ...] = (
     Learner("ppo", _LEARNED, 5),
     Learner("knows_ppo", _KNOWING, 3),
-    Learner("sac", ("Steer", "SteerAny"), 3),
-    Learner("tqc", ("Steer", "SteerAny"), 3),
-    Learner("crossq", ("Steer", "SteerAny"), 3),
+    Learner("sac", ("Steer",), 3),
+    Learner("tqc", ("Steer",), 3),
+    Learner("crossq", ("Steer",), 3),
     Learner("stacked_ppo", _FORCE_ONLY, 3),
 )
 

@@ -11,7 +11,8 @@ __all__ = ["Cache", "cache"]
 
 @dataclass
 class Cache:
-    """Show what is kept for later: plans of the par, anatomies, compiled kernels. Clearing costs nothing but time."""
+    """Show what is kept for later: plans of the par, pools of tracts, anatomies, compiled kernels. Clearing costs
+    nothing but time."""
 
     clear: bool = False
     """Delete it."""
@@ -32,7 +33,7 @@ def cache(options: Cache) -> None:
     print(
         "cleared"
         if options.clear
-        else "MAGWIRE_CACHE moves plans and anatomies, NUMBA_CACHE_DIR the kernels; --clear deletes all"
+        else "MAGWIRE_CACHE moves all but the kernels, NUMBA_CACHE_DIR the kernels; --clear deletes all"
     )
 
 
@@ -43,10 +44,12 @@ def _stores() -> Iterator[tuple[str, Path, list[Path]]]:
     import magwire_env
     from agents.par.cache import default_folder
     from magwire_env.lumen.loading import kept_lumens
+    from magwire_env.quasistatic.kept_pools import kept_pools
     from magwire_env.simulation.free.kept_walls import kept_walls
 
     plans = default_folder()
     yield "plans of the par", plans, sorted(plans.glob("??/*.npz"))
+    yield "pools of tracts", kept_pools(), sorted(kept_pools().glob("*.npz"))
     yield "anatomies read", kept_lumens(), sorted(kept_lumens().glob("*.lumen"))
     yield "walls in bricks", kept_walls(), sorted(kept_walls().glob("*.npz"))
     package = Path(magwire_env.__file__).parent

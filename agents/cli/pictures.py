@@ -14,7 +14,7 @@ import gymnasium as gym
 import numpy as np
 
 import magwire_env  # noqa: F401  (registers the ids)
-from agents.catalogue import CONTROLLERS, PAR, REFERENCE, resolve
+from agents.catalogue import CONTROLLERS, PAR, REFERENCE, compared_with, has_par, resolve
 from agents.env_kwargs import world
 from agents.evaluation.episodes import EVALUATION_SEED, built, episodes
 from magwire_env.plotting import BLACK, BLUE, GREEN, ORANGE, RED, SKY, blank, broken, styled
@@ -23,11 +23,10 @@ from magwire_env.render.extra import need
 from magwire_env.render.paint import DRIVE, INK, NORTH, SOUTH, TARGET, load_colour
 from magwire_env.render.panels import drive_name, map_limit, map_name, map_of
 from magwire_env.render.snapshot import Snapshot, snapshots
+from magwire_env.scenario import Scenario
+from magwire_env.simulation.model import supports
 
 __all__ = ["Trace", "film", "leave_in", "plots", "trace"]
-
-BESIDE = (REFERENCE, PAR)
-"""Controllers drawn beside a policy."""
 
 _LAST_FRAME = 1.0
 """Time for which the last frame of a video is shown, s."""
@@ -127,12 +126,15 @@ def _write_gif(path: Path, frames: list[np.ndarray], fps: float) -> None:
 
 
 def plots(policy: Any, name: str, folder: Path, task: str, seed: int = EVALUATION_SEED, **settings: Any) -> list[Path]:
-    """Draw one episode: arclength.png and, for a rig with one degree of freedom, path.png over its force map."""
+    """Draw one episode beside the task's reference and its par, where it has one.
+
+    arclength.png and, for a rig with one degree of freedom, path.png over its force map.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     traces = [trace(policy, name, task, seed, **settings)]
     # A trained model may have its own observation and action; a controller takes the task's.
     settings = world(settings)
-    for other in BESIDE:
+    for other in _beside(task, traces[0].moments[0].scenario):
         if other != name:
             traces.append(trace(CONTROLLERS[other].from_env, other, task, seed, **settings))
     written = [_arclength_plot(traces, task, folder / "arclength.png")]
@@ -140,6 +142,12 @@ def plots(policy: Any, name: str, folder: Path, task: str, seed: int = EVALUATIO
     if data is not None:
         written.append(_path_plot(traces, data, task, folder / "path.png"))
     return written
+
+
+def _beside(task: str, scenario: Scenario) -> list[str]:
+    """The controllers drawn beside a policy: the reference, and the par where the wire model has one."""
+    par = supports(scenario, "quasistatic") and has_par(task)
+    return [compared_with(task, par=False)[0], *((PAR,) if par else ())]
 
 
 def leave_in(folder: Path, name: str, task: str, **settings: Any) -> list[Path]:

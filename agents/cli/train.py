@@ -34,14 +34,15 @@ def train(config: Config) -> dict[str, Any]:
     # 2. Evaluate the best model, the paper's own policy and the floors, all on the same episodes.
     name = "trained " + run.algorithm.upper()
     rows = [evaluate(load(run.folder), run.task, config.episodes, name=name, **run.held_out)]
-    for other in compared_with(run.task, par=False, floors=True):
+    others = compared_with(run.task, par=False, floors=True)
+    for other in others:
         controller = CONTROLLERS[other].from_env
         rows.append(evaluate(controller, run.task, config.episodes, name=other, **run.same_episodes))
 
     # 3. Write the results and print them.
     results = {row.policy: row.to_json() for row in rows}
     run.write("results.json", results)
-    print(table(rows, markdown=False))
+    print(table(rows, others[0], markdown=False))
 
     # 4. Draw what the best model does: plots, and a video if the extra for videos is installed.
     try:

@@ -9,6 +9,7 @@ import numpy as np
 
 from magwire_env.quasistatic.along_tract import AlongTract
 from magwire_env.quasistatic.net_force import greatest
+from magwire_env.quasistatic.twin import locked_twin
 
 from .base import Controller, Memory
 from .seen import tip_seen, way_seen
@@ -23,14 +24,15 @@ class MaxForce(Controller):
     """Commands the angle of greatest projected force (under the scenario's coupling) at the observed arc length.
 
     Knows: the model (tract and rig) and the tip's arc length. Ignores friction, bending and the servo's lag. In a task
-    that comes back, it turns to the angle of greatest force backwards once the goal lies behind the tip.
+    that comes back, it turns to the angle of greatest force backwards once the goal lies behind the tip. A free wire
+    on a tract is taken as locked to it.
 
     spacing : m between the places where the best command is tabulated
     """
 
     def __init__(self, env: gym.Env | gym.vector.VectorEnv, spacing: float = 2e-3, **settings: Any) -> None:
         super().__init__(env, **settings)
-        library = self.core.sim.library
+        library = locked_twin(self.core.sim.library)
         self._along = AlongTract(library.tract_length, spacing)
         directions = (1, -1) if self.core.task.kind.returns else (1,)
         self._commands = [

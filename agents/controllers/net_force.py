@@ -9,6 +9,7 @@ import numpy as np
 
 from magwire_env.quasistatic.along_tract import AlongTract
 from magwire_env.quasistatic.net_force import greatest
+from magwire_env.quasistatic.twin import locked_twin
 from magwire_env.scenario.rig import wrapped
 
 from .base import Controller, Memory
@@ -33,7 +34,7 @@ class NetForce(Controller):
     servos' lag, but no faster than the servos can follow the best commands, and never back. So a tip that is thrown
     ahead of the led place is braked until the magnets have caught up. A tip at the led place is pulled on, as the best
     command there leaves a force. So the tip gets wherever a certificate says that it can. On a way back the led place
-    starts anew.
+    starts anew. A free wire on a tract is taken as one locked to it.
 
     spacing : m between the places where the best command is tabulated
     ahead : control periods from when a place is seen until the magnet has arrived at its command
@@ -74,7 +75,7 @@ class _Way:
     def __init__(self, owner: NetForce, spacing: float, ahead: float, direction: int) -> None:
         self._owner, self.ahead, self.direction = owner, ahead, direction
         self._sim = owner.core.sim
-        library = self._sim.library
+        library = locked_twin(self._sim.library)
         self._along = along = AlongTract(library.tract_length, spacing)
         commands, _ = greatest(library, along.entries, along.places, direction)
         # Rows in the order of travel, one scenario after another.

@@ -1,4 +1,4 @@
-"""Scenarios of the navigating tasks: a tree, a wire that is fed into it, and what steers its tip from outside."""
+"""Scenarios of the tasks with a free wire: fed into a tree, or dragged along a tract, and what steers its tip."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from ..lumen import LUMENS, Lumen
 from ..physics.guidewire import Guidewire
 from ..physics.magnets import BlockMagnet, CylinderMagnet
 from ..physics.profile import Profile
+from ..quasistatic.rigs import following
 from ..scenario import ActuatedMagnet, Contact, Feed, Rig, Scenario, Slide, Timing, Turn
 
-__all__ = ["arch", "following_magnet", "in_tree", "soft_tipped"]
+__all__ = ["arch", "dragged", "following_magnet", "in_tree", "soft_tipped"]
 
 
 def soft_tipped(length: float, segments: int, shaft: float, tip: float, soft: float) -> Guidewire:
@@ -61,6 +62,19 @@ def arch(kind: str = "I") -> Scenario:
         timing=Timing(0.1, 5),
         model="free",
     )
+
+
+@lru_cache(maxsize=1)
+def dragged() -> Scenario:
+    """The paper's tract, wire and magnet; the wire is free, and the magnet slides above the tip.
+
+    The lumen of 15 mm leaves the wire of 5 mm a clearance of 5 mm all round. The magnet slides at 0.2 m/s at most along
+    x and y, 70 mm above the highest point of the tract and up to 30 mm beyond it, and turns about y at π rad/s at most.
+    Nothing feeds the wire: its magnetic tip drags it. A magnet that stays cannot do that, see docs/physics.md,
+    "What the lock hides".
+    """
+    paper = Scenario.paper()
+    return paper.replace(name="paper, dragged", coupling="wrench", model="free", rig=following(paper.tract))
 
 
 WIRE_IN_TREES = 0.36

@@ -23,10 +23,10 @@ from .action import Actuation
 from .episodes import Episodes
 from .kernels import VALUE
 from .navigation import Navigation
-from .observation import CHANNELS, Observer
+from .observation import CHANNELS
 from .pools import scenarios_of
-from .readings import Readings
 from .rewards import TERMS, RewardTerm, RewardWeights, checked_terms, info_name
+from .shown import Observation, Shown
 from .task import TASKS, Task
 
 __all__ = ["OPTIONS", "SteeringCore"]
@@ -47,6 +47,7 @@ class SteeringCore:
     """Lanes, goals, rewards and ends; no autoreset and no random source of its own. See `MagWireEnv` for arguments.
 
     sim, episodes : the simulator, and what is remembered of the running episodes
+    shown : the observations; `observer` is the part with the numbers
     action : (n, size), the last one taken
     """
 
@@ -58,7 +59,7 @@ class SteeringCore:
         coupling: str | None = None,
         model: str | None = None,
         action_mode: str | None = None,
-        observe: Sequence[str] | None = None,
+        observe: Any = None,
         reward: str | RewardWeights | Mapping[str, float] = "dense",
         reward_terms: Sequence[RewardTerm] = (),
         time_limit: float | None = None,
@@ -84,8 +85,9 @@ class SteeringCore:
         self.actuation = Actuation(self.sim, self.task.action_mode if action_mode is None else action_mode)
         self.episodes = Episodes(self.sim, self.task, self.step_limit)
         self.navigation = Navigation(self.sim, self.task) if self.task.kind.navigates else None
-        self.observer = Observer(self.sim, self.episodes, self.task.observe if observe is None else observe)
-        self._readings = Readings(self.sim, self.observer, self.step_limit)
+        seen = self.task.observe if observe is None else observe
+        self.shown = Shown(self.sim, self.episodes, seen, self.step_limit, threads)
+        self.observer = self.shown.observer
         self._watches_rig = any(CHANNELS[name].watches_rig for name in self.observer.names)
         self._rule, self._follows = self.task.kind.rule, self.task.kind.follows
         self._safe = float(safety)
@@ -152,7 +154,7 @@ class SteeringCore:
             reference = kind.reference(self.task, sim.library, entries, drawn[:, : kind.draws], times)
         final = kind.final(self.task, sim.library, entries) if kind.returns else None
         self.begin_at(lanes, start, goal, magnet, reference, final)
-        self._readings.begin(lanes, rngs)
+        self.shown.begin(lanes, rngs)
 
     def begin_at(
         self,
@@ -348,9 +350,9 @@ class SteeringCore:
             del summary["time_in"], summary["time_back"]
         return summary
 
-    def observe(self) -> np.ndarray:
-        """(n, size) float32."""
-        return self._readings.of(self.observer.read(), self.episodes)
+    def observe(self) -> Observation:
+        """What every lane is shown now."""
+        return self.shown.read()
 
 
 def _check_ways(task: Task, scenarios: Sequence[Scenario]) -> None:

@@ -36,7 +36,7 @@ def lanes_state(env: MagWireVectorEnv) -> dict[str, Any]:
         "episodes": core.episodes.lanes[:, : env.num_envs].copy(),
         "turned": core.episodes.turned.copy(),
         "action": core.action.copy(),
-        "readings": core._readings.history(),
+        "readings": core.shown.readings.history(),
         "navigation": core.navigation.state() if core.navigation else {},
     }
 
@@ -58,7 +58,7 @@ def load_lanes(env: MagWireVectorEnv, state: dict[str, Any]) -> None:
         core.episodes.lanes[:, :n] = state["episodes"]
         core.episodes.turned[:] = state["turned"]
         core.action[:] = state["action"]
-        core._readings.load_history(state["readings"])
+        core.shown.readings.load_history(state["readings"])
         if core.navigation:
             core.navigation.load_state(state["navigation"])
         env._ended[:] = state["ended"]

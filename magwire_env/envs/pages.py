@@ -30,6 +30,7 @@ ABOUT = {
     "Navigate": "Bring the tip of a wire that is fed into the aortic arch into the branch drawn for the episode.",
     "NavigateAny": "Bring the tip of a wire that is fed into a tree never seen before into the branch drawn for it.",
     "Recover": "Come out of a wrong branch of a tree never seen before, and go into the branch drawn for the episode.",
+    "SteerFree": "Drag a free wire by its tip to the end of the paper's tract, with a magnet that follows it.",
     "Dual": "Steer along a tract never seen before, with one turning magnet above it and one below.",
 }
 """By a task's name, what it asks."""
@@ -105,15 +106,16 @@ def page(task_id: str) -> str:
     )
     rewards = "\n".join(f"* ``{info_name(term.name)}``: {term.weight:g} {term.text}" for term in TERMS)
     sections = {
-        "Description": [f"{kind.__doc__} {_FED if kind.navigates else _DRAGGED.format(scenario.coupling)}"],
+        "Description": [f"{kind.__doc__} {_wire(kind, scenario)}"],
         "Observation Space": [
-            "`Box(float32)`; other channels by name with `observe=`, see `magwire_env.envs.observation.CHANNELS`.",
+            "`Box(float32)`; other channels by name with `observe=`, see `magwire_env.envs.observation.CHANNELS`; "
+            'images by `observe="fluoroscopy"`, see `magwire_env.envs.fluoroscopy`.',
             _observation_table(task, scenario),
         ],
         "Action Space": [_ACTIONS, _action_table(scenario, task.action_mode)],
         "Dynamics": [
-            "The scenario's wire model, by default Algorithm 1 of the paper, see "
-            f"`magwire_env.simulation.locked.algorithm1`: {scenario.timing.control_period:g} s a control step."
+            f"The scenario's wire model, by default {_MODELS.get(scenario.model, repr(scenario.model))}: "
+            f"{scenario.timing.control_period:g} s a control step."
         ],
         "Reward": [_REWARD, rewards],
         "Starting State": [
@@ -142,6 +144,14 @@ _FED = (
     "The wire is a rod in space that touches the walls with friction, is fed from its base, and is turned by a magnet "
     "outside; see `magwire_env.simulation.free` and `magwire_env.envs.arenas`."
 )
+_FREE = (
+    "The wire is a rod in space that touches the tract's wall with friction; its magnetic tip, pulled and turned by "
+    "external magnets, drags it; see `magwire_env.simulation.free`."
+)
+_MODELS = {
+    "locked": "Algorithm 1 of the paper, see `magwire_env.simulation.locked.algorithm1`",
+    "free": "the discrete elastic rod of `magwire_env.simulation.free`",
+}
 _ACTIONS = (
     "Numbers beyond ±1 are clipped, NaN is refused. A servo moves each degree of freedom there at its limited speed, a "
     'turn the short way round. `action_mode="angle"` commands where it is to stand, `"rate"` the motion in one control '
@@ -151,6 +161,13 @@ _REWARD = (
     'The sum of these terms, every one in `info`. Weights by `reward=RewardWeights(…)`; `reward="sparse"` is 1 on '
     "success and 0 otherwise; terms of your own by `reward_terms=`."
 )
+
+
+def _wire(kind: Kind, scenario: Scenario) -> str:
+    """What moves, and what moves it."""
+    if kind.navigates:
+        return _FED
+    return _FREE if scenario.model == "free" else _DRAGGED.format(scenario.coupling)
 
 
 def _rig_starts(kind: Kind) -> str:

@@ -36,6 +36,7 @@ from ..progress import Progress
 from ..scenario import Rig, Scenario
 from .certificate import Certificate, certify
 from .held import crossed_by_holding
+from .kept_pools import name_of, read_pool, write_pool
 from .rigs import following, one_axis, paper, two_axes, two_magnets
 
 __all__ = ["RECIPES", "Pool", "Recipe", "build_pool", "candidates", "scenario_pool"]
@@ -57,6 +58,7 @@ class Recipe:
     rig : makes the rig for a tract
     steered : only tracts that no held command crosses
     weakest : N; only tracts whose margin is somewhere less than this
+    time_limit : s, of the certificates; that of the tasks
     harder : bounds of the split "ood": wanders like those of the other splits, but longer and with sharper bends. By
         default "ood" has the generator's own other families, which turned out to be easier than "test"
     """
@@ -67,6 +69,7 @@ class Recipe:
     rig: Callable[[Tract], Rig]
     steered: bool = False
     weakest: float = math.inf
+    time_limit: float = 60.0
     harder: Bounds | None = None
 
     def scenario(self, name: str, tract: Tract) -> Scenario:
@@ -95,20 +98,25 @@ class Pool:
         return len(self.scenarios) / self.tried
 
 
+@lru_cache(maxsize=16)
 def scenario_pool(kind: str, split: str = "train", size: int = 100, seed: int = 0) -> tuple[Scenario, ...]:
-    """`size` certified scenarios of a kind of task, see `build_pool`."""
-    return build_pool(kind, split, size, seed).scenarios
+    """`size` certified scenarios of a kind of task, see `build_pool`; they are kept on disk for the next process."""
+    recipe, size = RECIPES[one_of("kind", kind, tuple(RECIPES))], whole("size", size, 1)
+    found = read_pool(kind, recipe, one_of("split", split, SPLITS), size, whole("seed", seed, 0))
+    if found is None:
+        found = build_pool(kind, split, size, seed).scenarios
+        write_pool(kind, recipe, split, size, seed, found)
+    return found
 
 
 @lru_cache(maxsize=16)
-def build_pool(kind: str, split: str = "train", size: int = 100, seed: int = 0, time_limit: float = 60.0) -> Pool:
+def build_pool(kind: str, split: str = "train", size: int = 100, seed: int = 0) -> Pool:
     """A pool of certified scenarios; a process builds each pool once.
 
     kind : one of `RECIPES`; see the table of this module
     split : "train", "test" or "ood", see `lumen.generator.generate`
     size : number of scenarios; a smaller pool is the beginning of a larger one
     seed : of the pool; pools of different seeds share no tract
-    time_limit : s, of the certificates
     """
     size = whole("size", size, 1)
     scenarios: list[Scenario] = []
@@ -117,7 +125,7 @@ def build_pool(kind: str, split: str = "train", size: int = 100, seed: int = 0, 
     with Progress(f"certifying {size} scenarios of {kind}, split {split}", size) as progress:
         while True:
             batch = candidates(kind, split, _TOGETHER, seed, first)
-            every = certify(batch, time_limit=time_limit)
+            every = certify(batch, time_limit=RECIPES[kind].time_limit)
             admitted = _admitted(RECIPES[kind], batch, every)
             for i, (sc, found) in enumerate(zip(batch, every, strict=True)):
                 certified += found.solvable
@@ -154,7 +162,7 @@ def candidates(kind: str, split: str, count: int, seed: int = 0, first: int = 0)
             tract = generate(_PER_SEED * seed + number, "test", made.harder)
         else:
             tract = generate(_PER_SEED * seed + number, split, made.bounds)
-        found.append(made.scenario(f"{kind}-{split}-{seed}-{number}", tract))
+        found.append(made.scenario(name_of(kind, split, seed, number), tract))
     return found
 
 
@@ -171,8 +179,8 @@ RECIPES: dict[str, Recipe] = {
     "Orient": Recipe(Bounds(), 55e3, "wrench", two_axes),
     "Chase": Recipe(Bounds(), 275e3, "wrench", following),
     "Dual": Recipe(Bounds(), 55e3, "wrench", two_magnets),
-    "SteerAny-v1": Recipe(_SHORT, 275e3, "force", one_axis, steered=True, harder=_LONGER),
-    "Hard-v1": Recipe(_SHORT, 275e3, "force", one_axis, steered=True, weakest=0.3e-3, harder=_LONGER),
+    "SteerAny-v1": Recipe(_SHORT, 275e3, "force", one_axis, steered=True, time_limit=25.0, harder=_LONGER),
+    "Hard-v1": Recipe(_SHORT, 275e3, "force", one_axis, steered=True, weakest=0.3e-3, time_limit=30.0, harder=_LONGER),
 }  # fmt: skip
 
 

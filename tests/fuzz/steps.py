@@ -19,9 +19,9 @@ import gymnasium as gym
 import numpy as np
 
 import magwire_env
+from agents.catalogue import has_par
 from magwire_env.envs.observation import CHANNELS
 from magwire_env.envs.route_channels import ROUTE_CHANNELS
-from magwire_env.envs.task import TASKS as REGISTERED
 
 from .scenarios import SPREADS, batch, layout
 
@@ -88,8 +88,8 @@ def play(envs: gym.vector.VectorEnv, steps: int, rng: np.random.Generator) -> Co
 
 
 def registered(rng: np.random.Generator, lanes: int) -> tuple[str, gym.vector.VectorEnv]:
-    """A registered task with a random action mode, all its channels, and a random coupling; fed wires: `free_wire`."""
-    task = str(rng.choice([name for name in magwire_env.TASK_IDS if not REGISTERED[name].kind.navigates]))
+    """A registered task of locked wires, a random action mode, all channels, a random coupling; others: `free_wire`."""
+    task = str(rng.choice([name for name in magwire_env.TASK_IDS if has_par(name)]))
     settings: dict[str, Any] = {"action_mode": str(rng.choice(["angle", "rate", "direction"]))}
     if rng.random() < 0.5:
         settings["observe"] = channels(task)

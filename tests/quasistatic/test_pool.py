@@ -33,8 +33,10 @@ def test_every_scenario_is_certified_and_keeps_the_kinds_promises(kind):
 
 def test_a_pool_depends_on_its_arguments_alone_and_a_smaller_one_begins_it():
     build_pool.cache_clear()
+    scenario_pool.cache_clear()
     ten = scenario_pool("SteerAny", "train", 10)
     build_pool.cache_clear()
+    scenario_pool.cache_clear()
     assert scenario_pool("SteerAny", "train", 4) == ten[:4]
     assert scenario_pool("SteerAny", "train", 10) == ten
     assert scenario_pool("SteerAny", "train", 10) is scenario_pool("SteerAny", "train", 10)

@@ -65,14 +65,15 @@ def test_a_copied_env_has_the_same_future(name, twin_of):
     assert np.array_equal(played(twin, 3), played(env.unwrapped, 3))
 
 
-def test_a_copied_batch_and_simulator_have_the_same_future():
+@pytest.mark.parametrize("model", ["locked", "free"])
+def test_a_copied_batch_and_simulator_have_the_same_future(model):
     envs = gym.make_vec("MagWire/Steer-v0", num_envs=3)
     envs.reset(seed=0)
     twin = copy.deepcopy(envs.unwrapped)
     actions = np.full((3, 1), 0.4, dtype=np.float32)
     for _ in range(5):
         assert np.array_equal(envs.step(actions)[0], twin.step(actions)[0])
-    sim = Simulator(PAPER, num_envs=2)
+    sim = Simulator(PAPER.replace(model=model), num_envs=2)
     sim.step(np.full((2, 1), 2.0))
     other = pickle.loads(pickle.dumps(sim))
     for _ in range(3):

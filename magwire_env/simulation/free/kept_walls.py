@@ -6,6 +6,7 @@ A file that cannot be read or written costs the making, and never an error.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import zipfile
@@ -55,7 +56,7 @@ class _Kept:
         if digest in cls.walls:
             return cls.walls[digest]
         try:
-            with np.load(kept_walls() / f"{digest}.npz", allow_pickle=False) as stored:
+            with (kept_walls() / f"{digest}.npz").open("rb") as file, np.load(file, allow_pickle=False) as stored:
                 found = Bricks.of(stored["origin"], float(stored["cell"]), stored["index"], stored["coefficients"])
         except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
             return None
@@ -74,7 +75,8 @@ class _Kept:
             )  # fmt: skip
             own.replace(file)
         except OSError:
-            own.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                own.unlink()
         return cls._remember(digest, bricks)
 
     @classmethod

@@ -6,11 +6,14 @@ import sys
 
 import pytest
 
+from agents.catalogue import CONTROLLERS
 from agents.cli.main import main as magwire
-from agents.cli.pictures import trace
+from agents.cli.pictures import _beside, plots, trace
 from agents.cli.train import train
 from agents.controllers import MaxForce
 from agents.learning.config import Config
+from magwire_env import Scenario
+from magwire_env.envs.task import TASKS
 
 ID = "MagWire/Steer-v0"
 
@@ -53,6 +56,17 @@ def test_plot_and_video_of_a_run(drawn, tmp_path, capsys):
     magwire(["video", str(drawn), "--out", str(tmp_path / "a.gif"), "--speed", "4"])
     assert (tmp_path / "a.gif").read_bytes()[:6] == b"GIF89a"
     assert str(tmp_path / "a.gif") in capsys.readouterr().out
+
+
+def test_a_fed_wire_is_drawn_beside_the_controllers_of_trees(tmp_path):
+    written = plots(CONTROLLERS["Forward"].from_env, "Forward", tmp_path, "MagWire/Navigate-v0", time_limit=1.0)
+    assert [path.name for path in written] == ["arclength.png"]  # a free wire has no force map, and no par
+
+
+def test_the_par_is_drawn_where_the_wire_has_one():
+    assert _beside("MagWire/Navigate-v0", TASKS["MagWire/Navigate-v0"].scenario()) == ["FollowRoute"]
+    assert _beside(ID, Scenario.paper()) == ["MaxForce", "Optimal"]
+    assert _beside(ID, Scenario.paper().replace(model="free")) == ["MaxForce"]
 
 
 def test_what_cannot_be_filmed_is_refused(tmp_path):
