@@ -12,9 +12,9 @@ import numpy as np
 
 import magwire_env  # noqa: F401  (registers the ids)
 from magwire_env.envs.core import SteeringCore
+from magwire_env.envs.pools import scenario_pool
 from magwire_env.envs.task import TASKS, known_task
 from magwire_env.progress import Progress
-from magwire_env.quasistatic.pool import scenario_pool
 from magwire_env.validation.report import format_table
 from magwire_env.words import counted
 
@@ -171,6 +171,7 @@ def evaluate(
 
     In a generated task without a `scenario`, every episode has a tract of its own: the first `episodes` of the pool of
     `split` (by default "train"). So a smaller evaluation is the beginning of a larger one, and `pool_size` is ignored.
+    Certified trees are a limited number (`magwire_env.envs.trees`) and come round again.
 
     policy : an SB3-like policy, or a callable that makes one from the batch (such as ``MaxForce.from_env``)
     env : a batch of `episodes` lanes; by default one is made for `task` with `env_settings`
