@@ -34,7 +34,8 @@ class Policies:
     episodes: int = 200
     """With collect: episodes of the test."""
     par: bool = True
-    """With collect: score against Optimal on the same starts; plans that are not kept yet take minutes."""
+    """With collect: score against Optimal on the same starts, where the wire has a par; plans that are not kept yet take
+    minutes."""
 
 
 def policies(options: Policies) -> None:
@@ -169,14 +170,14 @@ def collect(places: Sequence[Path], out: Path, episodes: int, par: bool) -> None
 
 def tested(folder: Path, name: str, episodes: int, par: bool) -> Trained:
     """Play a policy's test episodes, on tracts of the test split where its task draws them; returns its entry."""
-    from agents.catalogue import CONTROLLERS, PAR, resolve
+    from agents.catalogue import CONTROLLERS, PAR, has_par, resolve
     from agents.evaluation.evaluator import evaluate
     from agents.shipped import FILES, Trained, digests
 
     own = resolve(str(folder), split="test")
     played = evaluate(own.policy, own.task, episodes, name=name, **own.settings)
     score = None
-    if par:
+    if par and has_par(own.task):
         best = evaluate(CONTROLLERS[PAR].from_env, own.task, episodes, name=PAR, **own.same_episodes)
         score = _known(played.mean_score(best)[0])
     summary, about = played.summary(), own.policy.about
