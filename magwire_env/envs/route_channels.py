@@ -148,8 +148,7 @@ ROUTE_CHANNELS: dict[str, Channel] = {
         _sized(3 * len(SHAPE_OFFSETS), "length"), always(_tip_points),
     ),
     "wire_points": Channel(
-        10, "the wire a quarter, half, three quarters of the way from its base to its tip, and the tip, from the base / "
-        "0.1 m",
+        10, "the wire at a quarter, half and three quarters of its length, and its tip, from the base / 0.1 m",
         _sized(3 * len(WIRE_SHARES), "length"), always(_wire_points),
     ),
     "wanted_points": Channel(

@@ -8,13 +8,13 @@ import pytest
 
 from agents.benchmark import cells as kinds
 from agents.benchmark.plan import ARENAS, HARD, LEARNERS, Plan
-from agents.catalogue import CONTROLLERS, OF_TREES
+from agents.catalogue import CONTROLLERS, NOT_OF_TRACTS
 from magwire_env.envs.task import TASKS
 from magwire_env.scenario import Scenario
 
 
 def test_every_registered_task_of_a_locked_wire_is_an_arena():
-    free = {"MagWire/SteerFree-v0", *(name for name, task in TASKS.items() if task.kind.navigates)}
+    free = {"MagWire/SteerFree-v0", *(name for name, task in TASKS.items() if task.kind.navigates or task.kind.shapes)}
     assert {arena.task for arena in ARENAS} == set(TASKS) - free
     by_name = {arena.name: arena for arena in ARENAS}
     assert len(by_name) == len(ARENAS)
@@ -50,7 +50,7 @@ def test_every_policy_meets_every_arena():
     for arena in ARENAS:
         if arena.controllers is None:
             met = {cell.policy for cell in cells if cell.arena == arena.name and cell.kind in ("evaluate", "par")}
-            assert met >= set(CONTROLLERS) - set(OF_TREES), arena.name
+            assert met >= set(CONTROLLERS) - set(NOT_OF_TRACTS), arena.name
 
 
 @pytest.mark.parametrize("name", ["episodes", "timesteps", "seeds"])
