@@ -22,6 +22,8 @@ def parsed(pairs: Sequence[str]) -> dict[str, Any]:
 
     >>> parsed(["observe=tip_speed,magnet", "time_limit=45", "safety=true", "reward={success=20}"])
     {'observe': ['tip_speed', 'magnet'], 'time_limit': 45, 'safety': True, 'reward': {'success': 20}}
+    >>> parsed(['observe=["base", {lao = 30, noise = 0.02}]'])  # an image, with options
+    {'observe': ['base', {'lao': 30, 'noise': 0.02}]}
 
     Raises `ValueError` for something else than a pair, and for a key that no env takes.
     """

@@ -19,6 +19,7 @@ import numpy as np
 
 from .controllers import Controller
 from .env_kwargs import OWN
+from .observations import numbers, rows, shapes
 
 __all__ = ["Function", "own_policy"]
 
@@ -26,7 +27,8 @@ __all__ = ["Function", "own_policy"]
 class Function:
     """A policy made of a function of the observations alone.
 
-    act : (n, size) float32 → (n, k), in [−1, 1]; a `torch.nn.Module` is given a tensor, and no gradients are kept
+    act : (n, size) float32 → (n, k), in [−1, 1]; a `torch.nn.Module` is given a tensor, and no gradients are kept.
+        Where the env shows an image, it is given a dict: "image", and "state" if there are numbers too
 
     >>> from agents.evaluation import evaluate
     >>> half = Function(lambda observation: 0.5 * observation[:, 4:5])
@@ -42,23 +44,29 @@ class Function:
         self.env_kwargs = dict(getattr(act, "env_kwargs", {}))
 
     def predict(
-        self, observation: np.ndarray, state: Any = None, episode_start: Any = None, deterministic: bool = True
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """SB3's form: observation (size,) or (n, size) → action (k,) or (n, k), and the state as it was given."""
-        batch = np.atleast_2d(np.asarray(observation, dtype=np.float32))
+        batch, many = rows(observation)
+        if not isinstance(batch, dict):
+            batch = np.asarray(batch, dtype=np.float32)
         try:
             action = self._of_network(batch) if self._network else self._act(batch)
         except Exception as error:
-            error.add_note(f"{self.name} was given observations of shape {batch.shape}, one row a lane")
+            error.add_note(f"{self.name} was given observations of shape {shapes(batch)}, one row a lane")
             raise
         action = np.asarray(action, dtype=np.float32)
-        return (action if np.ndim(observation) == 2 else action[0]), state
+        return (action if many else action[0]), state
 
-    def _of_network(self, batch: np.ndarray) -> np.ndarray:
+    def _of_network(self, batch: Any) -> np.ndarray:
         import torch
 
+        if isinstance(batch, dict):
+            seen: Any = {name: torch.from_numpy(part) for name, part in batch.items()}
+        else:
+            seen = torch.from_numpy(batch)
         with torch.no_grad():
-            return self._act(torch.from_numpy(batch)).numpy()
+            return self._act(seen).numpy()
 
 
 def _is_network(thing: Any) -> bool:
@@ -151,13 +159,14 @@ class _Batched:
         return getattr(self._policy, name)
 
     def predict(
-        self, observation: np.ndarray, state: Any = None, episode_start: Any = None, deterministic: bool = True
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """As `Function.predict`."""
-        batch = np.atleast_2d(observation)
-        starts = np.zeros(len(batch), dtype=np.bool_) if episode_start is None else np.atleast_1d(episode_start)
+        batch, many = rows(observation)
+        starts = np.zeros(len(numbers(batch)), dtype=np.bool_)
+        starts = starts if episode_start is None else np.atleast_1d(episode_start)
         action, state = self._policy.predict(batch, state=state, episode_start=starts, deterministic=deterministic)
-        return (action if np.ndim(observation) == 2 else np.asarray(action)[0]), state
+        return (action if many else np.asarray(action)[0]), state
 
 
 def _module(place: str) -> Any:

@@ -49,6 +49,15 @@ def test_a_page_works_as_written(page, least, folder, capsys, monkeypatch):
     assert "\nMaxForce " in printed
 
 
+@pytest.mark.filterwarnings("ignore:.*is not a writable:UserWarning")
+def test_the_page_on_images_works_as_written(folder, capsys, monkeypatch):
+    monkeypatch.setattr("agents.cli.pictures.leave_in", lambda *_, **__: [])
+    assert follow(GUIDE / "images.md", typed, folder) == 4
+    printed = capsys.readouterr().out
+    assert "\nsees " in printed
+    assert "\nMaxForce " in printed
+
+
 def test_the_page_on_anatomies_works_as_written(folder, capsys):
     assert follow(GUIDE / "anatomies.md", typed, folder) == 3
     printed = capsys.readouterr().out

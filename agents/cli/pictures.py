@@ -17,6 +17,7 @@ import magwire_env  # noqa: F401  (registers the ids)
 from agents.catalogue import CONTROLLERS, PAR, REFERENCE, compared_with, has_par, resolve
 from agents.env_kwargs import world
 from agents.evaluation.episodes import EVALUATION_SEED, built, episodes
+from magwire_env.envs.fluoroscopy import Fluoroscopy
 from magwire_env.plotting import BLACK, BLUE, GREEN, ORANGE, RED, SKY, blank, broken, styled
 from magwire_env.render.dofs import dofs_of
 from magwire_env.render.extra import need
@@ -26,7 +27,7 @@ from magwire_env.render.snapshot import Snapshot, place_name, snapshots
 from magwire_env.scenario import Scenario
 from magwire_env.simulation.model import supports
 
-__all__ = ["Trace", "film", "leave_in", "plots", "trace"]
+__all__ = ["Trace", "film", "fluoroscopy", "leave_in", "plots", "trace"]
 
 _LAST_FRAME = 1.0
 """Time for which the last frame of a video is shown, s."""
@@ -226,10 +227,29 @@ def _path_plot(traces: list[Trace], data: tuple[Any, ...], task: str, path: Path
     return path
 
 
+FLUOROSCOPY = (Fluoroscopy(), Fluoroscopy(lao=60), Fluoroscopy(lao=60, noise=0.04), Fluoroscopy(lao=60, lumen=False))
+"""The guide's images: from the front, from the left, with noise, without contrast medium."""
+
+
+def fluoroscopy(path: Path, enlarged: int = 3) -> None:
+    """Write `FLUOROSCOPY` side by side: a wire in the left carotid artery of the arch, its target the right one."""
+    image, options = need("PIL.Image", "a picture"), {"target": "RCCA", "start": ("LCCA", 0.08)}
+    seen = [
+        gym.make("MagWire/Navigate-v0", observe=how).reset(seed=0, options=options)[0]["image"][0]
+        for how in FLUOROSCOPY
+    ]
+    gap = np.full((len(seen[0]), 2), 255, dtype=np.uint8)
+    row = np.hstack([part for one in seen for part in (one, gap)][:-1])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    image.fromarray(row.repeat(enlarged, axis=0).repeat(enlarged, axis=1)).save(path, optimize=True)
+
+
 def main(folder: Path) -> None:
-    """The README's picture: the paper's own policy on the paper's scenario."""
+    """The README's picture, the paper's own policy on the paper's scenario, and the guide's images."""
     film(CONTROLLERS[REFERENCE].from_env, folder / "steering.gif", "MagWire/Steer-v0", seed=0, speed=2.0)
     print(folder / "steering.gif")
+    fluoroscopy(folder / "fluoroscopy.png")
+    print(folder / "fluoroscopy.png")
 
 
 if __name__ == "__main__":

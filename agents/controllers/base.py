@@ -11,6 +11,8 @@ import numpy as np
 from magwire_env.envs.core import SteeringCore
 from magwire_env.scenario import Scenario
 
+from ..observations import numbers, rows
+
 __all__ = ["Controller", "Memory"]
 
 Memory = tuple[np.ndarray, ...] | None
@@ -49,19 +51,22 @@ class Controller(ABC):
 
     def predict(
         self,
-        observation: np.ndarray,
+        observation: Any,
         state: Memory = None,
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Memory]:
         """SB3's form: observation (size,) or (n, size) → action (k,) or (n, k), and the controller's memory.
 
+        An image in the observation is not looked at.
+
         episode_start : (n,) true where an episode has just begun; the memory starts afresh there
         """
-        batch = np.atleast_2d(observation)
-        starts = np.zeros(len(batch), dtype=np.bool_) if episode_start is None else np.atleast_1d(episode_start)
-        action, state = self.act(batch, state, starts, deterministic)
-        return (action if np.ndim(observation) == 2 else action[0]), state
+        batch, many = rows(observation)
+        seen = numbers(batch)
+        starts = np.zeros(len(seen), dtype=np.bool_) if episode_start is None else np.atleast_1d(episode_start)
+        action, state = self.act(seen, state, starts, deterministic)
+        return (action if many else action[0]), state
 
     @abstractmethod
     def act(

@@ -20,7 +20,7 @@ class Policy(Protocol):
     """Anything with SB3's ``predict``."""
 
     def predict(
-        self, observation: np.ndarray, state: Any = None, episode_start: Any = None, deterministic: bool = True
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]: ...
 
 
@@ -60,7 +60,7 @@ def built(policy: Any, env: Any) -> Policy:
     return made
 
 
-def episodes(env: World, policy: Policy, observation: np.ndarray, restarts: bool = True) -> Iterator[Step]:
+def episodes(env: World, policy: Policy, observation: Any, restarts: bool = True) -> Iterator[Step]:
     """Play the episodes that have just begun in `env`, each lane's to its end; yields after every control period.
 
     observation : of the reset

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from ..observations import shapes
+
 __all__ = ["check_action", "check_fit", "shown"]
 
 
@@ -29,12 +31,22 @@ def _other_spaces(policy: Any, env: Any) -> str:
         ("sees observations", getattr(policy, "observation_space", None), observed),
         ("gives actions", getattr(policy, "action_space", None), acted),
     ):
-        if theirs is not None and ours is not None and getattr(theirs, "shape", None) != ours.shape:
+        if theirs is not None and ours is not None and _shape(theirs) != _shape(ours):
             return (
-                f"the policy {_name(policy)} {what} of shape {getattr(theirs, 'shape', theirs)}, but those of "
-                f"{shown(env)} have shape {ours.shape}"
+                f"the policy {_name(policy)} {what} of shape {_shape(theirs)}, but those of "
+                f"{shown(env)} have shape {_shape(ours)}"
             )
     return ""
+
+
+def _shape(space: Any) -> Any:
+    """Of a space, or of each part of a dict of spaces."""
+    parts = getattr(space, "spaces", None)
+    return (
+        {name: part.shape for name, part in parts.items()}
+        if isinstance(parts, dict)
+        else getattr(space, "shape", space)
+    )
 
 
 def check_action(policy: Any, env: Any, observation: Any, action: Any) -> None:
@@ -42,7 +54,7 @@ def check_action(policy: Any, env: Any, observation: Any, action: Any) -> None:
     space = getattr(env, "action_space", None)
     if space is not None and np.shape(action) != space.shape:
         raise ValueError(
-            f"the policy {_name(policy)} must answer observations of shape {np.shape(observation)} of "
+            f"the policy {_name(policy)} must answer observations of shape {shapes(observation)} of "
             f"{shown(env)} with actions of shape {space.shape}, got {np.shape(action)}"
         )
 
@@ -64,4 +76,4 @@ def shown(env: Any) -> str:
     core = getattr(getattr(env, "unwrapped", env), "core", None)
     if core is None:
         return str(env)
-    return f"{core.task.id} ({core.observer.space.shape[0]} numbers: {', '.join(core.observer.names)})"
+    return f"{core.task.id} ({core.shown.text})"

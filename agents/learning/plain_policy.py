@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["ACTIVATIONS", "Layer", "Normalization", "PlainPolicy", "PolicyAbout"]
+from magwire_env.words import counted
 
-_PRODUCTS = 1_000_000
+__all__ = ["ACTIVATIONS", "PRODUCTS", "Layer", "Normalization", "PlainPolicy", "PolicyAbout"]
+
+PRODUCTS = 1_000_000
 """Multiplications up to which a product of matrices stays in this thread. Larger ones are shared out by OpenBLAS, which
 wins a third on an idle machine and waits up to 100 ms on a busy one."""
 
@@ -149,12 +151,22 @@ class PlainPolicy:
         self.size = len(layers[0].weight) // frames
         """Numbers in one observation of the env."""
         self._half = np.float32(0.5) * (high - low)
-        self._rows = max(1, _PRODUCTS // max(layer.weight.size for layer in layers))
+        self._rows = max(1, PRODUCTS // max(layer.weight.size for layer in layers))
 
     @property
     def task(self) -> str:
         """Id of the task it was trained for."""
         return self.about.task
+
+    @property
+    def image(self) -> tuple[int, int, int] | None:
+        """Shape of the image in one observation of the env, (channels, h, w); None of a policy that sees none."""
+        return None
+
+    @property
+    def sees(self) -> str:
+        """For people: what one observation of the env holds."""
+        return f"{counted(self.size, 'number')}: {', '.join(self.about.channels)}"
 
     @property
     def env_settings(self) -> dict[str, Any]:
@@ -173,16 +185,18 @@ class PlainPolicy:
         core = getattr(env.unwrapped, "core", None)
         if core is None:
             return f"a policy of {self.task} needs a MagWire env, got {env}"
-        shown = tuple(core.observer.names)
-        if shown != self.about.channels or core.observer.space.shape != (self.size,):
+        taken = core.shown.fluoroscope
+        image = None if taken is None else taken.space.shape
+        seen = (tuple(core.observer.names), core.observer.space.shape, image)
+        if seen != (self.about.channels, (self.size,), self.image):
             return (
-                f"the policy was trained on {self.task} to see {self.size} numbers ({', '.join(self.about.channels)}), "
-                f"but {core.task.id} shows {core.observer.space.shape[0]} here ({', '.join(shown)})"
+                f"the policy was trained on {self.task} to see {self.sees}, but {core.task.id} shows {core.shown.text}"
             )
         mode = self.about.env.get("action_mode", TASKS[self.task].action_mode)
         if (core.actuation.mode, core.actuation.space.shape) != (mode, self.low.shape):
             return (
-                f"the policy was trained on {self.task} to give {len(self.low)} numbers (action_mode {mode!r}), but "
+                f"the policy was trained on {self.task} to give {counted(len(self.low), 'number')} "
+                f"(action_mode {mode!r}), but "
                 f"{core.task.id} takes {core.actuation.space.shape[0]} here (action_mode {core.actuation.mode!r})"
             )
         return ""
@@ -209,11 +223,14 @@ class PlainPolicy:
         if self.frames > 1:
             x = state = self._stacked(x, state, episode_start)
         if x.ndim == 1 or len(x) <= self._rows:
-            return self._act(x), state
-        return np.concatenate([self._act(x[i : i + self._rows]) for i in range(0, len(x), self._rows)]), state
+            return self.act(x), state
+        return np.concatenate([self.act(x[i : i + self._rows]) for i in range(0, len(x), self._rows)]), state
 
-    def _act(self, x: np.ndarray) -> np.ndarray:
-        x = x.astype(np.float32) if self.normalization is None else self.normalization(x)
+    def act(self, x: Any) -> np.ndarray:
+        """The actions for observations that hold all frames."""
+        return self._network(x.astype(np.float32) if self.normalization is None else self.normalization(x))
+
+    def _network(self, x: np.ndarray) -> np.ndarray:
         for layer in self.layers:
             x = layer(x)
         if self.squashed:

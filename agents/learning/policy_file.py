@@ -17,8 +17,11 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as arrays_of
 from safetensors.numpy import save as bytes_of
 
+from magwire_env.words import counted
+
 from ..notes import note
 from ..shipped import folder_of
+from .plain_eyes import Convolution, Eyes, SeeingPolicy
 from .plain_policy import ACTIVATIONS, Layer, Normalization, PlainPolicy, PolicyAbout
 from .run_folder import best_of
 from .stored import Stored, read_json
@@ -27,10 +30,11 @@ __all__ = ["ARRAYS", "DESCRIPTION", "FORMAT", "load", "read", "write"]
 
 ARRAYS, DESCRIPTION = "policy.safetensors", "policy.json"
 
-FORMAT = 1
-"""Of both files; goes up when an older program could not read them."""
+FORMAT = 2
+"""Of both files; goes up when an older program could not read them. Policies that see no image are of format 1."""
 
 _MOST_BYTES = 256 * 2**20
+_LARGEST_IMAGE = 1024
 _PROGRAMS = (".pkl", ".pickle", ".zip", ".pt", ".pth", ".joblib")
 """Endings of files that can carry a program."""
 
@@ -43,11 +47,16 @@ def write(policy: PlainPolicy, folder: Path) -> None:
         arrays |= {f"layers.{i}.weight": layer.weight, f"layers.{i}.bias": layer.bias}
     if policy.normalization is not None:
         arrays |= {"normalization.mean": policy.normalization.mean, "normalization.std": policy.normalization.std}
+    eyes = policy.eyes if isinstance(policy, SeeingPolicy) else None
+    if eyes is not None:
+        looking: tuple[Layer | Convolution, ...] = (*eyes.convolutions, eyes.layer)
+        for i, one in enumerate(looking):
+            arrays |= {f"eyes.{i}.weight": one.weight, f"eyes.{i}.bias": one.bias}
     content = bytes_of({name: np.ascontiguousarray(array) for name, array in arrays.items()})
     about = asdict(policy.about)
     text = about.pop("scenario")
     description = {
-        "format": FORMAT,
+        "format": 1 if eyes is None else FORMAT,
         **about,
         "scenario": text,
         "scenario_sha256": None if text is None else hashlib.sha256(text.encode()).hexdigest(),
@@ -56,10 +65,8 @@ def write(policy: PlainPolicy, folder: Path) -> None:
         "action_size": len(policy.low),
         "squashed": policy.squashed,
         "normalization_clip": None if policy.normalization is None else policy.normalization.clip,
-        "layers": [
-            {"shape": list(layer.weight.shape), "activation": layer.activation, "parameters": list(layer.parameters)}
-            for layer in policy.layers
-        ],
+        "layers": [_described(layer) for layer in policy.layers],
+        **({} if eyes is None else {"eyes": _described_eyes(eyes)}),
         "arrays_sha256": hashlib.sha256(content).hexdigest(),
     }
     (folder / ARRAYS).write_bytes(content)
@@ -79,23 +86,26 @@ def read(folder: Path) -> PlainPolicy:
     if stored.whole("format", 1) > FORMAT:
         raise ValueError(f"{stored.where} is of format {stored.tree['format']}; this program reads up to {FORMAT}")
     arrays = _Arrays(folder / ARRAYS, stored.get("arrays_sha256", str))
-    frames, size, actions = (
-        stored.whole("frames", 1),
-        stored.whole("observation_size", 1),
-        stored.whole("action_size", 1),
-    )
-    layers = [_layer(i, part, arrays) for i, part in enumerate(stored.parts("layers"))]
-    widths = [frames * size, *(len(layer.bias) for layer in layers)]
+    frames, actions = stored.whole("frames", 1), stored.whole("action_size", 1)
+    size = stored.whole("observation_size", 0 if "eyes" in stored.tree else 1)
+    layers = [_layer(f"layers.{i}", part, arrays) for i, part in enumerate(stored.parts("layers"))]
+    eyes = _eyes(stored.part("eyes"), arrays, frames) if "eyes" in stored.tree else None
+    widths = [frames * size + (0 if eyes is None else eyes.features), *(len(layer.bias) for layer in layers)]
     for i, layer in enumerate(layers):
         if len(layer.weight) != widths[i]:
-            raise ValueError(f"{stored.where}: layers[{i}] must take {widths[i]} numbers, got {len(layer.weight)}")
+            raise ValueError(
+                f"{stored.where}: layers[{i}] must take {counted(widths[i], 'number')}, got {len(layer.weight)}"
+            )
     if not layers or widths[-1] != actions:
-        raise ValueError(f"{stored.where}: layers must end in the {actions} numbers of an action, got {widths[1:]}")
+        raise ValueError(
+            f"{stored.where}: layers must end in {counted(actions, 'number')}, as an action has, got {widths[1:]}"
+        )
     low, high = (arrays.take(f"action.{end}", (actions,), np.float32) for end in ("low", "high"))
-    return PlainPolicy(
+    rest = (
         layers, _normalization(stored, arrays, frames * size), low, high, stored.get("squashed", bool), frames,
         _about(stored),
     )  # fmt: skip
+    return PlainPolicy(*rest) if eyes is None else SeeingPolicy(eyes, *rest)
 
 
 def load(folder: str | Path, trust: bool = False) -> PlainPolicy:
@@ -166,16 +176,67 @@ class _Arrays:
         return array
 
 
-def _layer(i: int, stored: Stored, arrays: _Arrays) -> Layer:
-    shape = stored.get("shape", list)
-    if len(shape) != 2 or any(not isinstance(n, int) or isinstance(n, bool) or n < 1 for n in shape):
-        raise ValueError(f"{stored.where}: shape must be two whole numbers of at least 1, got {shape!r:.80}")
+def _described(layer: Layer | Convolution) -> dict[str, Any]:
+    shape = list(layer.weight.shape)
+    return {"shape": shape, "activation": layer.activation, "parameters": list(layer.parameters)}
+
+
+def _described_eyes(eyes: Eyes) -> dict[str, Any]:
+    convolutions = [{**_described(one), "stride": one.stride} for one in eyes.convolutions]
+    return {"image": list(eyes.shape), "convolutions": convolutions, "layer": _described(eyes.layer)}
+
+
+def _eyes(stored: Stored, arrays: _Arrays, frames: int) -> Eyes:
+    channels, h, w = _shape(stored, "image", 3)
+    if channels % frames or max(channels, h, w) > _LARGEST_IMAGE:
+        raise ValueError(
+            f"{stored.where}: image must have channels for {frames} frames and at most {_LARGEST_IMAGE} px, "
+            f"got {[channels, h, w]}"
+        )
+    made: list[Convolution] = []
+    for i, part in enumerate(stored.parts("convolutions")):
+        outputs, inputs, k, across = _shape(part, "shape", 4)
+        if inputs != (len(made[-1].bias) if made else channels) or k != across:
+            raise ValueError(
+                f"{part.where}: shape must follow from the image's and be square, got {part.tree['shape']}"
+            )
+        weight = arrays.take(f"eyes.{i}.weight", (outputs, inputs, k, k), np.float32)
+        bias = arrays.take(f"eyes.{i}.bias", (outputs,), np.float32)
+        made.append(Convolution(weight, bias, part.whole("stride", 1), *_activation(part)))
+    layer = _layer(f"eyes.{len(made)}", stored.part("layer"), arrays)
+    flat = Eyes.flat((channels, h, w), made)
+    if flat != len(layer.weight):
+        raise ValueError(f"{stored.where}: layer must take the {flat} numbers that leave the convolutions")
+    return Eyes((channels, h, w), made, layer)
+
+
+def _shape(stored: Stored, name: str, count: int) -> list[int]:
+    shape = stored.get(name, list)
+    if len(shape) != count or any(not isinstance(n, int) or isinstance(n, bool) or n < 1 for n in shape):
+        raise ValueError(
+            f"{stored.where}: {name} must be {_COUNTS[count]} whole numbers of at least 1, got {shape!r:.80}"
+        )
+    return shape
+
+
+_COUNTS = {2: "two", 3: "three", 4: "four"}
+
+
+def _activation(stored: Stored) -> tuple[str, tuple[float, ...]]:
     activation, parameters = stored.one_of("activation", ACTIVATIONS), stored.get("parameters", list)
     count = ACTIVATIONS[activation][1]
     if len(parameters) != count or any(not isinstance(p, (int, float)) for p in parameters):
-        raise ValueError(f"{stored.where}: parameters of {activation} must be {count} numbers, got {parameters!r:.80}")
-    weight = arrays.take(f"layers.{i}.weight", (shape[0], shape[1]), np.float32)
-    return Layer(weight, arrays.take(f"layers.{i}.bias", (shape[1],), np.float32), activation, tuple(parameters))
+        raise ValueError(
+            f"{stored.where}: parameters of {activation} must be {counted(count, 'number')}, got {parameters!r:.80}"
+        )
+    return activation, tuple(parameters)
+
+
+def _layer(name: str, stored: Stored, arrays: _Arrays) -> Layer:
+    shape = _shape(stored, "shape", 2)
+    activation, parameters = _activation(stored)
+    weight = arrays.take(f"{name}.weight", (shape[0], shape[1]), np.float32)
+    return Layer(weight, arrays.take(f"{name}.bias", (shape[1],), np.float32), activation, parameters)
 
 
 def _normalization(stored: Stored, arrays: _Arrays, size: int) -> Normalization | None:

@@ -7,6 +7,7 @@ replay buffer, the episodes under way and every random source.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -82,12 +83,18 @@ def _normalization(model: BaseAlgorithm) -> dict[str, Any] | None:
     env: Any = model.get_vec_normalize_env()
     if env is None:
         return None
-    means = {
-        name: {"mean": rms.mean, "var": rms.var, "count": rms.count}
-        for name in ("obs_rms", "ret_rms")
-        if (rms := getattr(env, name, None)) is not None
-    }
+    means = {name: {"mean": rms.mean, "var": rms.var, "count": rms.count} for name, rms in _means(env).items()}
     return means | {"returns": env.returns, "old_obs": env.old_obs, "old_reward": env.old_reward}
+
+
+def _means(env: Any) -> dict[str, Any]:
+    """The running means of a `VecNormalize` by name; those of an observation in parts one by one."""
+    found = {name: rms for name in ("obs_rms", "ret_rms") if (rms := getattr(env, name, None)) is not None}
+    parts = found.get("obs_rms")
+    if isinstance(parts, dict):
+        del found["obs_rms"]
+        found |= {f"obs_rms.{name}": rms for name, rms in parts.items()}
+    return found
 
 
 def _put_normalization(model: BaseAlgorithm, state: dict[str, Any] | None) -> None:
@@ -96,11 +103,9 @@ def _put_normalization(model: BaseAlgorithm, state: dict[str, Any] | None) -> No
         raise ValueError("the state does not fit this training: one of them is without normalisation")
     if env is None or state is None:
         return
-    for name in ("obs_rms", "ret_rms"):
-        if name in state:
-            rms = getattr(env, name)
-            rms.mean, rms.var = np.array(state[name]["mean"]), np.array(state[name]["var"])
-            rms.count = state[name]["count"]
+    for name, rms in _means(env).items():
+        rms.mean, rms.var = np.array(state[name]["mean"]), np.array(state[name]["var"])
+        rms.count = state[name]["count"]
     env.returns, env.old_obs, env.old_reward = state["returns"], state["old_obs"], state["old_reward"]
 
 
@@ -110,7 +115,23 @@ def _replay(model: BaseAlgorithm) -> dict[str, Any] | None:
     if buffer is None:
         return None
     filled = buffer.buffer_size if buffer.full else buffer.pos
-    return {"pos": buffer.pos, "full": buffer.full} | {name: getattr(buffer, name)[:filled] for name in _REPLAY}
+    return {"pos": buffer.pos, "full": buffer.full} | {
+        name: _each(getattr(buffer, name), lambda array: array[:filled]) for name in _REPLAY
+    }
+
+
+def _each(array: Any, do: Callable[[np.ndarray], Any]) -> Any:
+    """What `do` makes of an array, or of each part of a dict of arrays."""
+    return {name: do(part) for name, part in array.items()} if isinstance(array, dict) else do(array)
+
+
+def _put(array: Any, stored: Any) -> None:
+    """Copy into an array, or each part of a dict of arrays, its first rows."""
+    if isinstance(array, dict):
+        for name, part in array.items():
+            _put(part, stored[name])
+    else:
+        array[: len(stored)] = stored
 
 
 def _put_replay(model: BaseAlgorithm, state: dict[str, Any] | None) -> None:
@@ -120,9 +141,8 @@ def _put_replay(model: BaseAlgorithm, state: dict[str, Any] | None) -> None:
     if buffer is None or state is None:
         return
     buffer.pos, buffer.full = state["pos"], state["full"]
-    filled = buffer.buffer_size if buffer.full else buffer.pos
     for name in _REPLAY:
-        getattr(buffer, name)[:filled] = state[name]
+        _put(getattr(buffer, name), state[name])
 
 
 def _batch(model: BaseAlgorithm) -> tuple[NativeVecEnv, Any]:
@@ -135,13 +155,19 @@ def _batch(model: BaseAlgorithm) -> tuple[NativeVecEnv, Any]:
     return env, frames
 
 
+def _frames(stack: Any) -> Any:
+    """The array in which SB3 stacks frames, or a dict of one a part."""
+    parts = getattr(stack, "sub_stacked_observations", None)
+    return stack.stacked_obs if parts is None else {name: part.stacked_obs for name, part in parts.items()}
+
+
 def _env(model: BaseAlgorithm) -> dict[str, Any]:
     batch, frames = _batch(model)
     return {
         "lanes": lanes_state(batch.env),
         "reward": batch._reward,
         "length": batch._length,
-        "frames": None if frames is None else frames.stacked_obs,
+        "frames": None if frames is None else _frames(frames),
     }
 
 
@@ -151,4 +177,4 @@ def _put_env(model: BaseAlgorithm, state: dict[str, Any]) -> None:
     batch._reward[:], batch._length[:] = state["reward"], state["length"]
     batch._seed = None
     if frames is not None:
-        frames.stacked_obs[:] = state["frames"]
+        _put(_frames(frames), state["frames"])

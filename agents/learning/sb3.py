@@ -14,6 +14,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecNormalize
 
 import magwire_env  # noqa: F401  (registers the ids)
+from magwire_env.envs.shown import of_lane
 from magwire_env.envs.task import known_task
 from magwire_env.envs.vector_env import MagWireVectorEnv
 from magwire_env.physics.checks import one_of
@@ -24,6 +25,10 @@ __all__ = ["NativeVecEnv", "algorithm_class", "make_model", "make_vec_env"]
 
 _ACTIVATIONS = ("Tanh", "ReLU", "ELU", "LeakyReLU", "SiLU", "Sigmoid")
 """Names of `torch.nn` that ``activation_fn`` may be."""
+
+
+_SMALLEST_IMAGE = 36
+"""px; SB3's NatureCNN has no patch left in smaller ones."""
 
 
 class NativeVecEnv(VecEnv):
@@ -42,7 +47,7 @@ class NativeVecEnv(VecEnv):
         self._length = np.zeros(env.num_envs, dtype=np.int64)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
-    def reset(self) -> np.ndarray:
+    def reset(self) -> Any:
         self._reward[:], self._length[:] = 0.0, 0
         observation, _ = self.env.reset(seed=self._seed)
         self._seed = None
@@ -56,7 +61,7 @@ class NativeVecEnv(VecEnv):
     def step_async(self, actions: np.ndarray) -> None:
         self._actions = actions
 
-    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+    def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         observation, reward, terminated, truncated, infos = self.env.step(self._actions)
         self._reward += reward
         self._length += 1
@@ -67,7 +72,7 @@ class NativeVecEnv(VecEnv):
         for lane in np.flatnonzero(done):
             last = infos["final_info"]
             out[lane] = {
-                "terminal_observation": final[lane],
+                "terminal_observation": of_lane(final, int(lane)),
                 "TimeLimit.truncated": bool(truncated[lane]),
                 "is_success": bool(last["is_success"][lane]),
                 "episode": {"r": float(self._reward[lane]), "l": int(self._length[lane]), "t": 0.0},
@@ -100,7 +105,7 @@ def make_vec_env(
     """The native batch of `task` for SB3.
 
     frame_stack : an observation is so many frames one after the other, the newest last
-    settings : of the env
+    settings : of the env; with ``observe="fluoroscopy"`` the policy is SB3's "MultiInputPolicy"
     """
     env = gym.make_vec(known_task(task), num_envs=n_envs, autoreset_mode="SameStep", **settings).unwrapped
     assert isinstance(env, MagWireVectorEnv)
@@ -111,9 +116,11 @@ def make_vec_env(
 def make_model(
     algorithm: str, venv: VecEnv, seed: int, settings: dict[str, Any], tensorboard: Path | None = None
 ) -> BaseAlgorithm:
-    """An untrained SB3 model on `venv` under running normalisation.
+    """An untrained SB3 model on `venv` under running normalisation; an image is not normalised, and a CNN looks at it.
 
     settings : as in the YAML, without those of the batch
+
+    Raises `ValueError` for an image that the algorithm, or SB3's CNN, cannot take.
     """
     settings = dict(settings)
     normalize = settings.pop("normalize", {})
@@ -125,9 +132,12 @@ def make_model(
 
         name = one_of("policy_kwargs.activation_fn", policy_kwargs["activation_fn"], _ACTIVATIONS)
         policy_kwargs["activation_fn"] = getattr(torch.nn, name)
+    kind = "MlpPolicy"
+    if isinstance(venv.observation_space, gym.spaces.Dict):
+        kind, normalize = "MultiInputPolicy", _without_image(algorithm, venv.observation_space, normalize)
     normalized = VecNormalize(venv, gamma=settings.get("gamma", 0.99), **normalize)
     return algorithm_class(algorithm)(
-        "MlpPolicy",
+        kind,
         normalized,
         seed=seed,
         policy_kwargs=policy_kwargs,
@@ -135,6 +145,17 @@ def make_model(
         device="cpu",
         **settings,
     )
+
+
+def _without_image(algorithm: str, space: gym.spaces.Dict, normalize: dict[str, Any]) -> dict[str, Any]:
+    """The normalisation's settings where there is an image beside the numbers, or an image alone."""
+    if "MultiInputPolicy" not in algorithm_class(algorithm).policy_aliases:
+        able = [name for name in ALGORITHMS if "MultiInputPolicy" in algorithm_class(name).policy_aliases]
+        raise ValueError(f"algorithm must be one of {', '.join(able)} to see an image, got {algorithm!r}")
+    if (size := space["image"].shape[1]) < _SMALLEST_IMAGE:  # type: ignore[index]
+        raise ValueError(f"Fluoroscopy.size must be at least {_SMALLEST_IMAGE} for SB3's NatureCNN, got {size}")
+    numbers = [name for name in space.spaces if name != "image"]
+    return {**normalize, "norm_obs": normalize.get("norm_obs", True) and bool(numbers), "norm_obs_keys": numbers}
 
 
 def algorithm_class(algorithm: str) -> type[BaseAlgorithm]:

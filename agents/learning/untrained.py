@@ -23,7 +23,7 @@ def untrained(env: gym.Env | gym.vector.VectorEnv, algorithm: str = "ppo", seed:
     settings: dict[str, Any] = hyperparameters(algorithm, core.task.id)
     own = {key: value for key, value in settings.items() if key not in _NOT_OF_THE_MODEL}
     own["batch_size"] = own["n_steps"]  # one lane gives no larger batch; nothing is learnt from it
-    seen = {"action_mode": core.actuation.mode, "observe": core.observer.names}
+    seen = {"action_mode": core.actuation.mode, "observe": core.shown.plain}
     venv = make_vec_env(core.task.id, 1, scenario=core.sim.scenarios[0], **seen)
     model = make_model(algorithm, venv, seed, own)
     meta = {

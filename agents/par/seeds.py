@@ -156,6 +156,6 @@ class _WithoutResets:
     def __init__(self, core: SteeringCore) -> None:
         self._core, self.num_envs = core, core.sim.num_envs
 
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         reward, terminated, truncated, info = self._core.step(action)
         return self._core.observe(), reward, terminated, truncated, info

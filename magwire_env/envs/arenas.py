@@ -13,7 +13,7 @@ from ..physics.profile import Profile
 from ..quasistatic.rigs import following
 from ..scenario import ActuatedMagnet, Coil, Contact, Current, Feed, Rig, Scenario, Slide, Timing, Turn
 
-__all__ = ["arch", "clamped", "dragged", "following_magnet", "soft_tipped"]
+__all__ = ["arch", "clamped", "dragged", "following_magnet", "in_tree", "soft_tipped"]
 
 
 def soft_tipped(length: float, segments: int, shaft: float, tip: float, soft: float) -> Guidewire:
@@ -90,3 +90,21 @@ def clamped() -> Scenario:
     current = Current(-25.0, 25.0, speed=50.0)
     rig = Rig(coils=tuple(Coil(axis, 1e-3, current=current) for axis in "xyz"), clamped=True)
     return paper.replace(name="clamped in free space", tract=space, rig=rig, coupling="wrench", model="free")
+
+
+WIRE_IN_TREES = 0.36
+"""m of wire that the feed of `in_tree` has."""
+
+
+def in_tree(lumen: Lumen) -> Scenario:
+    """A generated tree about the origin, and the wire, tip magnet and following magnet of `arch`.
+
+    The wire is 0.36 m long. The magnet's centre is 170 mm above the origin, 125 to 215 mm above the tip: across the way
+    to the tip its field is 53 to 10 mT, along it twice that.
+    """
+    return arch().replace(
+        name=lumen.name,
+        lumen=lumen,
+        wire=soft_tipped(WIRE_IN_TREES, 36, 6e-5, 8e-6, 0.06),
+        rig=Rig((following_magnet(lumen, 0.1, 0.17, 0.1),), feed=Feed(0.04, low=0.05, home=0.07)),
+    )

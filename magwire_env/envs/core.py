@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -11,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.checks import one_of, positive, whole
+from ..physics.checks import one_of, positive
+from ..progress import Progress
 from ..quasistatic import certificate
 from ..scenario import Scenario
 from ..simulation import Places, Simulator
-from ..simulation.model import model_names, supports
+from ..simulation.model import supports
 from ..simulation.readout import ROW
 from ..simulation.simulator import FARTHEST_SETTING
 from . import kernels
@@ -23,10 +23,11 @@ from .action import Actuation
 from .episodes import Episodes
 from .kernels import VALUE
 from .navigation import Navigation
-from .observation import CHANNELS, Observer
-from .readings import Readings
+from .observation import CHANNELS
+from .pools import scenarios_of
 from .rewards import TERMS, RewardTerm, RewardWeights, checked_terms, info_name
 from .shapes import Shapes
+from .shown import Observation, Shown
 from .task import TASKS, Task
 
 __all__ = ["OPTIONS", "SteeringCore"]
@@ -47,6 +48,7 @@ class SteeringCore:
     """Lanes, goals, rewards and ends; no autoreset and no random source of its own. See `MagWireEnv` for arguments.
 
     sim, episodes : the simulator, and what is remembered of the running episodes
+    shown : the observations; `observer` is the part with the numbers
     action : (n, size), the last one taken
     """
 
@@ -58,7 +60,7 @@ class SteeringCore:
         coupling: str | None = None,
         model: str | None = None,
         action_mode: str | None = None,
-        observe: Sequence[str] | None = None,
+        observe: Any = None,
         reward: str | RewardWeights | Mapping[str, float] = "dense",
         reward_terms: Sequence[RewardTerm] = (),
         time_limit: float | None = None,
@@ -69,14 +71,15 @@ class SteeringCore:
     ) -> None:
         self.task = task if isinstance(task, Task) else TASKS[one_of("task", task, tuple(TASKS))]
         self._draws_scenario = self.task.pool is not None and scenario is None
-        scenarios = _scenarios(self.task, scenario, coupling, model, split, pool_size)
+        scenarios = scenarios_of(self.task, scenario, coupling, model, split, pool_size)
         _check_ways(self.task, scenarios)
         if len(scenarios) == 1 and (scenario is not None or coupling is not None):
             _warn_uncertified(self.task, scenarios[0])
-        self.sim = Simulator(
-            scenarios if len(scenarios) > 1 else scenarios[0], num_envs, threads,
-            np.zeros(num_envs, dtype=np.int64) if self._draws_scenario else None,
-        )  # fmt: skip
+        with Progress(f"preparing scenarios, {len(scenarios)} in all"):  # a tree's first use makes its wall: seconds
+            self.sim = Simulator(
+                scenarios if len(scenarios) > 1 else scenarios[0], num_envs, threads,
+                np.zeros(num_envs, dtype=np.int64) if self._draws_scenario else None,
+            )  # fmt: skip
         self.time_limit = positive("time_limit", self.task.time_limit if time_limit is None else time_limit, "s")
         self._fed = self.sim.library.rigs.feed >= 0
         self.step_limit = max(1, round(self.time_limit / self.sim.control_period))
@@ -85,8 +88,9 @@ class SteeringCore:
         self.navigation = Navigation(self.sim, self.task) if self.task.kind.navigates else None
         self.shapes = Shapes(self.sim, self.task) if self.task.kind.shapes else None
         self.episodes.shapes = self.shapes
-        self.observer = Observer(self.sim, self.episodes, self.task.observe if observe is None else observe)
-        self._readings = Readings(self.sim, self.observer, self.step_limit)
+        seen = self.task.observe if observe is None else observe
+        self.shown = Shown(self.sim, self.episodes, seen, self.step_limit, threads)
+        self.observer = self.shown.observer
         self._watches_rig = any(CHANNELS[name].watches_rig for name in self.observer.names)
         self._rule, self._follows = self.task.kind.rule, self.task.kind.follows
         self._safe = float(safety)
@@ -155,7 +159,7 @@ class SteeringCore:
             reference = kind.reference(self.task, sim.library, entries, drawn[:, : kind.draws], times)
         final = kind.final(self.task, sim.library, entries) if kind.returns else None
         self.begin_at(lanes, start, goal, magnet, reference, final)
-        self._readings.begin(lanes, rngs)
+        self.shown.begin(lanes, rngs)
 
     def begin_at(
         self,
@@ -357,33 +361,9 @@ class SteeringCore:
             del summary["time_in"], summary["time_back"]
         return summary
 
-    def observe(self) -> np.ndarray:
-        """(n, size) float32."""
-        return self._readings.of(self.observer.read(), self.episodes)
-
-
-def _scenarios(
-    task: Task, given: Any, coupling: str | None, model: str | None, split: str, pool_size: int
-) -> list[Scenario]:
-    if given is None and task.pool is not None:
-        from ..quasistatic.pool import scenario_pool
-
-        given = list(scenario_pool(task.pool, split, whole("pool_size", pool_size, 1)))
-    elif given is None:
-        assert task.scenario is not None  # a task has the one or the other
-        given = task.scenario()
-    elif isinstance(given, (str, Path)):
-        given = Scenario.load(given)
-    scenarios = list(given) if isinstance(given, (list, tuple)) else [given]
-    for sc in scenarios:
-        if not isinstance(sc, Scenario):
-            raise ValueError(
-                f"scenario must be a Scenario, a TOML file, a shipped name, or a sequence of scenarios, got {sc!r}"
-            )
-    changes = {name: value for name, value in (("coupling", coupling), ("model", model)) if value is not None}
-    if model is not None:
-        one_of("model", model, model_names())
-    return [dataclasses.replace(sc, **changes) for sc in scenarios] if changes else scenarios
+    def observe(self) -> Observation:
+        """What every lane is shown now."""
+        return self.shown.read()
 
 
 def _check_ways(task: Task, scenarios: Sequence[Scenario]) -> None:

@@ -11,6 +11,7 @@ from ..simulation import Simulator
 from . import renderer
 from .core import SteeringCore
 from .kernels import VALUE
+from .shown import of_lane
 from .spec import SpecWithLimit
 from .task import Task
 
@@ -22,7 +23,7 @@ __all__ = ["MagWireEnv"]
 _REWARD, _SUCCESS, _TERMINATED, _TRUNCATED = VALUE.reward, VALUE.success, VALUE.terminated, VALUE.truncated
 
 
-class MagWireEnv(SpecWithLimit, gym.Env[np.ndarray, np.ndarray]):  # type: ignore[misc]
+class MagWireEnv(SpecWithLimit, gym.Env[Any, np.ndarray]):  # type: ignore[misc]
     """Steer a magnetically actuated guidewire along a tract.
 
     ## Description
@@ -32,7 +33,9 @@ class MagWireEnv(SpecWithLimit, gym.Env[np.ndarray, np.ndarray]):  # type: ignor
 
     ## Observation Space
     `Box(float32)`, by default these numbers; other channels by name with `observe=`, see
-    `magwire_env.envs.observation.CHANNELS`.
+    `magwire_env.envs.observation.CHANNELS`. With `observe="fluoroscopy"` a `Dict` with an image,
+    `Box(0, 255, (1, 84, 84), uint8)`, see `magwire_env.envs.fluoroscopy.Fluoroscopy`; channels that are asked for
+    beside it are its "state".
 
     | Num | Observation | Min | Max | Unit |
     |-----|-------------|-----|-----|------|
@@ -80,7 +83,7 @@ class MagWireEnv(SpecWithLimit, gym.Env[np.ndarray, np.ndarray]):  # type: ignor
     coupling : "force" or "wrench", in place of the scenario's
     model : the wire model, "locked" or "free", in place of the scenarios', those of a pool too
     action_mode : "angle", "rate" or "direction"
-    observe : names of observation channels; by default the task's
+    observe : names of observation channels, "fluoroscopy" or a `Fluoroscopy`; by default the task's
     reward : "dense", "sparse", `RewardWeights` or a dict of some of them, such as ``{"success": 20}``
     time_limit : s; `spec.max_episode_steps` is the number of control steps in it
     safety : an episode ends, without success, when the wall force exceeds the scenario's limit
@@ -98,7 +101,7 @@ class MagWireEnv(SpecWithLimit, gym.Env[np.ndarray, np.ndarray]):  # type: ignor
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}")
         self.core = SteeringCore(task, 1, threads=1, **settings)
-        self.observation_space = self.core.observer.space
+        self.observation_space = self.core.shown.space
         self.action_space = self.core.actuation.space
         self.render_mode = render_mode
         self._running = False
@@ -112,9 +115,7 @@ class MagWireEnv(SpecWithLimit, gym.Env[np.ndarray, np.ndarray]):  # type: ignor
         """The simulator, one lane."""
         return self.core.sim
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; see Starting State for `options`."""
         super().reset(seed=seed)
         self.core.begin(np.zeros(1, dtype=np.int64), [self.np_random], options)
@@ -122,9 +123,9 @@ class MagWireEnv(SpecWithLimit, gym.Env[np.ndarray, np.ndarray]):  # type: ignor
         if self._frames is not None:
             self._frames.forget((0,))
             self._show()
-        return self.core.observe()[0], self.core.start_info(0)
+        return of_lane(self.core.observe(), 0), self.core.start_info(0)
 
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """One control period. Raises `ValueError` for NaN or a wrong shape, before anything moves."""
         if not self._running:
             raise gym.error.ResetNeeded("reset() must be called before step()")
@@ -136,7 +137,7 @@ class MagWireEnv(SpecWithLimit, gym.Env[np.ndarray, np.ndarray]):  # type: ignor
             self._show()
         if terminated or truncated:
             info["summary"] = {k: v[0].item() for k, v in core.summary(np.zeros(1, dtype=np.int64)).items()}
-        return core.observe()[0], values[_REWARD], terminated, truncated, info
+        return of_lane(core.observe(), 0), values[_REWARD], terminated, truncated, info
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
         """The present frame, (480, 640, 3) uint8, in the mode "rgb_array"; in "human" every step shows itself."""

@@ -32,6 +32,11 @@ class MagWireGoalEnv(SpecWithLimit, gym.Env[dict[str, np.ndarray], np.ndarray]):
         self.core = self._env.core
         if not self.core.task.kind.holds:
             raise ValueError(f"task must be one whose target is held for a goal env, got {self.core.task.id}")
+        if self.core.shown.fluoroscope is not None:
+            raise ValueError(
+                "observe must name channels of numbers alone for a goal env, whose observation is a dict already; "
+                "gym.make('MagWire/Reach-v0', observe='fluoroscopy') shows an image"
+            )
         self.render_mode = render_mode
         self.action_space = self._env.action_space
         place = gym.spaces.Box(-2.0, 2.0, (1,), dtype=np.float64)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..simulation import Places
+from ..words import counted
 
 if TYPE_CHECKING:
     from .vector_env import MagWireVectorEnv
@@ -36,7 +37,7 @@ def lanes_state(env: MagWireVectorEnv) -> dict[str, Any]:
         "episodes": core.episodes.lanes[:, : env.num_envs].copy(),
         "turned": core.episodes.turned.copy(),
         "action": core.action.copy(),
-        "readings": core._readings.history(),
+        "readings": core.shown.readings.history(),
         "navigation": core.navigation.state() if core.navigation else {},
     }
 
@@ -48,7 +49,7 @@ def load_lanes(env: MagWireVectorEnv, state: dict[str, Any]) -> None:
     """
     core, n = env.core, env.num_envs
     if len(state["generators"]) != n or len(state["began"]) != n:
-        raise ValueError(f"state must be of {n} lanes, got {len(state['generators'])}")
+        raise ValueError(f"state must be of {counted(n, 'lane')}, got {len(state['generators'])}")
     try:
         rngs = [_generator(before) for before in state["began"]]
         lanes = np.arange(n)
@@ -60,7 +61,7 @@ def load_lanes(env: MagWireVectorEnv, state: dict[str, Any]) -> None:
         core.episodes.lanes[:, :n] = state["episodes"]
         core.episodes.turned[:] = state["turned"]
         core.action[:] = state["action"]
-        core._readings.load_history(state["readings"])
+        core.shown.readings.load_history(state["readings"])
         if core.navigation:
             core.navigation.load_state(state["navigation"])
         env._ended[:] = state["ended"]

@@ -27,6 +27,7 @@ from .channel import (
     always,
     rows_of,
 )
+from .fluoroscopy import FLUOROSCOPY
 from .route_channels import ROUTE_CHANNELS
 
 if TYPE_CHECKING:
@@ -163,11 +164,11 @@ CHANNELS: dict[str, Channel] = {
     "drive_preview": Channel(
         10, "drive 0, 10, 20, 40, 60, 80 mm ahead of the tip / 10 mN, each followed by its slope by every degree of "
         "freedom, a radian or 0.1 m; the magnets as point dipoles where they now are, coils left out",
-        _drives, _DriveReader,
+        _drives, _DriveReader, needs="quasistatic",
     ),
     "reference_preview": Channel(
         10, "a tracking task's reference now, in 0.5, 1 and 2 s, from the tip / 0.1 m",
-        _reference_numbers, always(_reference),
+        _reference_numbers, always(_reference), follows=True,
     ),
     **ROUTE_CHANNELS,
 }  # fmt: skip
@@ -188,7 +189,7 @@ def register_channel(name: str, size: int, read: Reader, bound: float = 10.0, te
     >>> gym.make("MagWire/Steer-v0", observe=("magnet", "field")).observation_space.shape
     (5,)
     """
-    if name in CHANNELS:
+    if name in CHANNELS or name == FLUOROSCOPY:
         raise ValueError(f"name must be of a channel that does not exist yet, got {name!r}")
     if isinstance(size, bool) or not isinstance(size, int) or size < 1:
         raise ValueError(f"size must be a whole number of at least 1, got {size!r}")
@@ -202,17 +203,19 @@ def _numbers_of_own(sim: Simulator, size: int) -> Sequence[Number]:
 class Observer:
     """Concatenates channels into one float32 array.
 
+    alone : there is no image beside the numbers, so there must be some
     numbers : what stands in each column
 
-    Raises `ValueError` for a channel that does not exist, or none at all.
+    Raises `ValueError` for a channel that does not exist or that this env cannot show, or none at all.
     """
 
-    def __init__(self, sim: Simulator, episodes: Episodes, names: Sequence[str]) -> None:
-        names = (names,) if isinstance(names, str) else tuple(names)
+    def __init__(self, sim: Simulator, episodes: Episodes, names: Sequence[str], alone: bool = True) -> None:
+        names = tuple(names)
         unknown = [n for n in names if n not in CHANNELS]
-        if unknown or not names or len(set(names)) != len(names):
+        if unknown or (alone and not names) or len(set(names)) != len(names):
             got = repr(unknown[0]) if unknown else repr(names)
-            raise ValueError(f"observe must name different channels of {', '.join(CHANNELS)}; got {got}")
+            known = ", ".join((*CHANNELS, FLUOROSCOPY))
+            raise ValueError(f"observe must name different channels of {known}; got {got}")
         self.names = names
         self._sim, self._episodes = sim, episodes
         self._parts: dict[str, slice] = {}
@@ -220,15 +223,16 @@ class Observer:
         numbers: list[Number] = []
         for name in names:
             channel = CHANNELS[name]
+            channel.check(name, sim, episodes)
             own = channel.numbers(sim)
             self._parts[name] = slice(len(numbers), len(numbers) + len(own))
             numbers += own
             if channel.reader is not None:
                 self._others.append((name, channel.reader(sim)))
-        if not numbers:
+        if names and not numbers:
             raise ValueError(f"observe must show a number; with this rig {', '.join(names)} shows none")
         self.numbers: tuple[Number, ...] = tuple(numbers)
-        self._kinds, self._rows = np.array([(x.kind, x.row) for x in numbers], dtype=np.int64).T.copy()
+        self._kinds, self._rows = np.array([(x.kind, x.row) for x in numbers], dtype=np.int64).reshape(-1, 2).T.copy()
         self._scales = np.array([x.scale or 1.0 for x in numbers])
         self._bounds = np.empty(len(numbers))
         for name, part in self._parts.items():

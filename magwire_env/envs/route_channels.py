@@ -164,7 +164,8 @@ ROUTE_CHANNELS: dict[str, Channel] = {
     ),
     "astray": Channel(10, "way back from a wrong branch to the route / 0.1 m", rows_of(ROW.astray, LENGTH_SCALE, "")),
     "base": Channel(
-        10, "push of the feed / 0.1 N, and the wire inserted / route's length", _sized(0, free=2), always(_base)
+        10, "push of the feed / 0.1 N, and the wire inserted / route's length", _sized(0, free=2), always(_base),
+        needs="base",
     ),
     "magnet_pose": Channel(
         10, "direction of the first magnet's moment (of coils the field at the tip / 10 mT), and its centre from the "

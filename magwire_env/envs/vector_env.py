@@ -15,6 +15,7 @@ from ..physics.checks import one_of, whole
 from ..simulation import Simulator
 from . import renderer
 from .core import SteeringCore
+from .shown import Observation, of_lane
 from .spec import SpecWithLimit
 from .task import Task
 
@@ -26,7 +27,7 @@ __all__ = ["MagWireVectorEnv"]
 _NONE = np.empty(0, dtype=np.int64)
 
 
-class MagWireVectorEnv(SpecWithLimit, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):  # type: ignore[misc]
+class MagWireVectorEnv(SpecWithLimit, VectorEnv[Any, np.ndarray, np.ndarray]):  # type: ignore[misc]
     """`MagWireEnv` over many lanes at once; lane i of a batch seeded s is the single env seeded s + i.
 
     num_envs : number of lanes
@@ -39,7 +40,7 @@ class MagWireVectorEnv(SpecWithLimit, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         `RecordVideo` for batches asks for)
 
     Other arguments, observation, action, reward and info as `MagWireEnv`'s. In SAME_STEP mode
-    `final_observation` holds the last step's observations before any reset, dense, (num_envs, size).
+    `final_observation` holds the last step's observations before any reset, of all lanes.
     """
 
     def __init__(
@@ -64,7 +65,7 @@ class MagWireVectorEnv(SpecWithLimit, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         self._most_steps = self.core.step_limit
         if max_episode_steps not in (None, -1):
             self._most_steps = min(whole("max_episode_steps", max_episode_steps, 1), self._most_steps)
-        self.single_observation_space = self.core.observer.space
+        self.single_observation_space = self.core.shown.space
         self.single_action_space = self.core.actuation.space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -75,7 +76,7 @@ class MagWireVectorEnv(SpecWithLimit, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         """The states that the generators were in when the running episodes began."""
         self._ended = np.ones(num_envs, dtype=np.bool_)
         self._started = False
-        self.final_observation: np.ndarray | None = None
+        self.final_observation: Observation | None = None
         self._render_lanes = tuple(range(num_envs) if render_lanes is None else render_lanes)
         if bad := [lane for lane in self._render_lanes if not 0 <= lane < num_envs]:
             raise ValueError(f"render_lanes must lie in [0, {num_envs - 1}], got {bad[0]}")
@@ -95,7 +96,7 @@ class MagWireVectorEnv(SpecWithLimit, VectorEnv[np.ndarray, np.ndarray, np.ndarr
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    ) -> tuple[Any, dict[str, Any]]:
         """Start episodes, in the lanes of ``options["reset_mask"]`` or in all."""
         options = dict(options or {})
         lanes = np.arange(self.num_envs)
@@ -110,7 +111,7 @@ class MagWireVectorEnv(SpecWithLimit, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         mask[lanes] = True
         return self.core.observe(), _masked(self.core.start_info(), mask)
 
-    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One control period of every lane. Raises `ValueError` for NaN or a wrong shape, before anything moves."""
         if not self._started:
             raise gym.error.ResetNeeded("reset() must be called before step()")
@@ -152,12 +153,12 @@ class MagWireVectorEnv(SpecWithLimit, VectorEnv[np.ndarray, np.ndarray, np.ndarr
             raise gym.error.ResetNeeded("reset() must be called before render()")
         return tuple(self._frames.array(self._render_lanes if lanes is None else lanes))
 
-    def _same_step(self, done: np.ndarray, observation: np.ndarray, infos: dict, info: dict) -> dict[str, Any]:
+    def _same_step(self, done: np.ndarray, observation: Observation, infos: dict, info: dict) -> dict[str, Any]:
         """The ended lanes' observation and info move to `final_obs` and `final_info`, as in Gymnasium's own batches."""
         ended = self._ended.copy()
         final = np.full(self.num_envs, None, dtype=object)
         for lane in done:
-            final[lane] = observation[lane]
+            final[lane] = of_lane(observation, lane)
         final_info = _masked(info, ended)
         final_info["summary"], final_info["_summary"] = infos["summary"], infos["_summary"]
         kept = _masked(info, ~ended) if not ended.all() else {}

@@ -67,15 +67,27 @@ class FreeModel:
         self._outside = rigs.dof - (self._feed >= 0) - (self._twist >= 0)
         count = min(max(self._threads, 1), blocks)
         self._benches = [self._bench(own.steps, len(rigs.slots)) for _ in range(count)]
+        self._look()
+        self.columns = self._columns()
+        self._fill()
+
+    def _look(self) -> None:
+        """Views of the flat arrays, by block and lane."""
+        blocks = len(self._all)
         self._views = {
-            "node": (self._node.reshape(blocks, self.nodes, -1, LANES)),
-            "foot": (self._foot.reshape(blocks, self.nodes * own.points, -1, LANES)),
-            "lane": (self._lane.reshape(blocks, -1, LANES)),
+            "node": self._node.reshape(blocks, self.nodes, -1, LANES),
+            "foot": self._foot.reshape(blocks, self.nodes * self._own.points, -1, LANES),
+            "lane": self._lane.reshape(blocks, -1, LANES),
         }
         if self._spin is not None:
             self._views["spin"] = self._spin.reshape(blocks, self.nodes, -1, LANES)
-        self.columns = self._columns()
-        self._fill()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {k: v for k, v in self.__dict__.items() if k != "_views"}  # copied, they would view nothing
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._look()
 
     @staticmethod
     def library(scenarios: Sequence[Scenario]) -> FreeLibrary:

@@ -78,9 +78,9 @@ def test_a_policy_acts_as_the_model_does(pair):
     model, policy, _ = pair
     seen = observations(policy)
     wanted = as_sb3(model, seen)
-    assert np.abs(policy._act(seen) - wanted).max() <= 1e-6
+    assert np.abs(policy.act(seen) - wanted).max() <= 1e-6
     assert np.ptp(wanted) > 1e-3
-    assert max(np.abs(policy._act(row) - as_sb3(model, row)).max() for row in seen[:50]) <= 1e-6
+    assert max(np.abs(policy.act(row) - as_sb3(model, row)).max() for row in seen[:50]) <= 1e-6
 
 
 def test_one_observation_and_many_give_the_same(pair):
@@ -108,10 +108,10 @@ def test_every_activation_has_its_plain_form(name, tmp_path):
     onnxruntime = pytest.importorskip("onnxruntime")
     model, policy = trained("ppo", policy_kwargs={"activation_fn": name, "net_arch": [16, 16]}, use_sde=True)
     seen = observations(policy)
-    assert np.abs(policy._act(seen) - as_sb3(model, seen)).max() <= 1e-6
+    assert np.abs(policy.act(seen) - as_sb3(model, seen)).max() <= 1e-6
     save_all(policy, tmp_path)
     session = onnxruntime.InferenceSession(tmp_path / "policy.onnx", providers=["CPUExecutionProvider"])
-    assert np.abs(session.run(["action"], {"observation": seen})[0] - policy._act(seen)).max() <= 1e-6
+    assert np.abs(session.run(["action"], {"observation": seen})[0] - policy.act(seen)).max() <= 1e-6
 
 
 def test_an_unknown_network_is_refused():
@@ -214,11 +214,11 @@ def test_a_truncated_or_missing_file_is_named(folder, name):
         ({"env": {"scenario": "/etc/passwd"}}, "env must set only .*; got 'scenario'"),
         ({"env": {"render_mode": "human"}}, "env must set only"),
         ({"scenario": "name = 1"}, "scenario is not the one that scenario_sha256"),
-        ({"format": 99}, "is of format 99; this program reads up to 1"),
+        ({"format": 99}, "is of format 99; this program reads up to 2"),
         ({"frames": 10**9}, "must take 7000000000 numbers"),
         ({"frames": -1}, "frames must be at least 1, got -1"),
         ({"frames": True}, "frames must be a whole number, got True"),
-        ({"layers": []}, "layers must end in the 1 numbers of an action"),
+        ({"layers": []}, "layers must end in 1 number, as an action has"),
         (
             {"layers": [{"shape": [7, 64], "activation": "__import__('os').system('x')", "parameters": []}]},
             "activation",
