@@ -57,6 +57,7 @@ __all__ = [
     "CONTROLLERS",
     "FLOORS",
     "IN_TREES",
+    "NOT_OF_TRACTS",
     "OF_SHAPES",
     "OF_TREES",
     "PAR",
@@ -107,6 +108,9 @@ OF_SHAPES = ("InverseShape",)
 
 OF_TREES = ("FollowRoute", "RecoverRoute", "Forward", "Hold")
 """Controllers of navigating tasks alone."""
+
+NOT_OF_TRACTS = (*OF_TREES, *OF_SHAPES)
+"""Controllers that no task along a tract has."""
 
 IN_TREES = (*OF_TREES, "Random")
 """Controllers that policies of navigating tasks are compared with: the reference first, the floors last."""

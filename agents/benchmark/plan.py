@@ -20,7 +20,7 @@ import magwire_env
 from magwire_env.envs.task import TASKS, Task
 from magwire_env.physics.checks import whole
 
-from ..catalogue import CONTROLLERS, FLOORS, OF_TREES, PAR, REFERENCE, controller, has_par, resolve
+from ..catalogue import CONTROLLERS, FLOORS, NOT_OF_TRACTS, PAR, REFERENCE, controller, has_par, resolve
 from ..evaluation.episodes import EVALUATION_SEED
 from ..evaluation.robustness import DISTURBANCES
 from ..learning.hyperparameters import hyperparameters
@@ -234,7 +234,7 @@ class Plan:
         """Names of the controllers that play in an arena, without the par."""
         if arena.controllers is not None:
             return [name for name in CONTROLLERS if name in arena.controllers]
-        return [name for name in dict.fromkeys((*CONTROLLERS, *self.extra)) if name not in (PAR, *OF_TREES)]
+        return [name for name in dict.fromkeys((*CONTROLLERS, *self.extra)) if name not in (PAR, *NOT_OF_TRACTS)]
 
     def plans_online(self, policy: str) -> bool:
         """The policy is a controller that runs the simulator for every decision."""

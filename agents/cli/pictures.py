@@ -23,7 +23,7 @@ from magwire_env.render.dofs import dofs_of
 from magwire_env.render.extra import need
 from magwire_env.render.paint import DRIVE, INK, NORTH, SOUTH, TARGET, load_colour
 from magwire_env.render.panels import drive_name, map_limit, map_name, map_of
-from magwire_env.render.snapshot import Snapshot, snapshots
+from magwire_env.render.snapshot import Snapshot, place_name, snapshots
 from magwire_env.scenario import Scenario
 from magwire_env.simulation.model import supports
 
@@ -179,7 +179,7 @@ def _arclength_plot(traces: list[Trace], task: str, path: Path) -> Path:
             place.axhline(1e3 * traces[0].moments[0].goal, color=_TARGET, lw=1, label="target")
         else:
             place.plot(traces[0].of("time"), 1e3 * traces[0].of("goal"), color=_TARGET, lw=1, label="reference")
-        place.set(ylabel="tip arc length [mm]", title=f"{task}, one episode from the same start")
+        place.set(ylabel=f"{place_name(scenario)} [mm]", title=f"{task}, one episode from the same start")
         force.axhline(0, color="0.6", lw=0.8)
         force.set(ylabel=f"{drive_name(scenario)}\nforce [mN]")
         wall.axhline(1e3 * scenario.contact.wall_force_limit, color=RED, lw=1, label="limit of the wall force")

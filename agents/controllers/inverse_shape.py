@@ -1,4 +1,4 @@
-"""The inverse of the static rod as a controller: the command whose shape is wanted, found by least squares, and held."""
+"""The inverse of the static rod as a controller: the command of the wanted shape, found by least squares, and held."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ __all__ = ["InverseShape"]
 class InverseShape(Controller):
     """Finds the command that brings the rod at rest nearest to the wanted points, and goes there.
 
-    Knows: the model (wire, tip magnet, rig) and the wanted points, `wanted_points`; not where the wire is. The search is
-    `FreeRod.rig_for`: SciPy's least squares over equilibria of the static rod, from several starts.
+    Knows: the model (wire, tip magnet, rig) and the wanted points, `wanted_points`; not where the wire is. The search
+    is `FreeRod.rig_for`: SciPy's least squares over equilibria of the static rod, from several starts.
 
     starts : of each search at most
 

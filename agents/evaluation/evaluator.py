@@ -185,6 +185,8 @@ def evaluate(
     if disturb is not None:
         disturb(core)
         core.sim.load_state(core.sim.state())  # computes the loads again, now that something has changed
+        if core.shapes:
+            core.shapes.measure()
         observation = core.observe()
     n = env.num_envs
     results = {f.name: np.full(n, np.nan) for f in fields(Episodes) if f.name != "policy"}

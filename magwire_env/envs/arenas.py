@@ -80,10 +80,10 @@ def dragged() -> Scenario:
 
 @lru_cache(maxsize=1)
 def clamped() -> Scenario:
-    """The paper's wire, clamped along x at the origin, in free space: the lumen about it is so wide that it never touches.
+    """The paper's wire, clamped along x at the origin, in free space: the lumen about it is too wide to be touched.
 
-    Three pairs of coils make a uniform field of any direction, up to 25 mT along each axis. With 25 mT across it the tip's
-    couple m B L/(E I) is 1.5: the wire bends into an arc of some 70°. The currents cross their range in a second.
+    Three pairs of coils make a uniform field of any direction, up to 25 mT along each axis. With 25 mT across it the
+    tip's couple m B L/(E I) is 1.5: the wire bends into an arc of 53°. The currents cross their range in a second.
     """
     paper = Scenario.paper()
     space = Tract.from_points([(0.0, 0.0, 0.0), (0.06, 0.0, 0.0), (0.12, 0.0, 0.0)], 0.11)

@@ -63,6 +63,7 @@ class Channel:
     watches_rig : it needs `Episodes.turned`
     needs : of `magwire_env.simulation.model.FEATURES`, what the wire model must have; empty for none
     follows : it needs a task that follows a reference
+    shapes : it needs a task that wants a shape
     """
 
     bound: float
@@ -72,6 +73,7 @@ class Channel:
     watches_rig: bool = False
     needs: str = ""
     follows: bool = False
+    shapes: bool = False
 
     def check(self, name: str, sim: Simulator, episodes: Episodes) -> None:
         """Raise `ValueError` if an env with this simulator and task cannot show it."""
@@ -79,6 +81,8 @@ class Channel:
             require(sim.library.scenarios[0], self.needs, f"observe: {name!r}")
         if self.follows and not episodes.task.kind.follows:
             raise ValueError(f"observe: {name!r} needs a task that follows a reference, got {episodes.task.id}")
+        if self.shapes and not episodes.task.kind.shapes:
+            raise ValueError(f"observe: {name!r} needs a task that wants a shape, got {episodes.task.id}")
 
 
 def _results(sim: Simulator, row: int, scale: float, quantity: str, count: int = 1) -> Sequence[Number]:

@@ -125,8 +125,7 @@ def _wire_points(sim: Simulator, episodes: Episodes) -> np.ndarray:
 
 
 def _wanted_points(sim: Simulator, episodes: Episodes) -> np.ndarray:
-    if episodes.shapes is None:
-        raise ValueError(f"observe must leave out 'wanted_points' in the task {episodes.task.id}, which wants no shape")
+    assert episodes.shapes is not None  # see `Channel.check`
     return _at_shares(episodes.shapes.wanted)
 
 
@@ -148,12 +147,12 @@ ROUTE_CHANNELS: dict[str, Channel] = {
         _sized(3 * len(SHAPE_OFFSETS), "length"), always(_tip_points),
     ),
     "wire_points": Channel(
-        10, "the wire a quarter, half, three quarters of the way from its base to its tip, and the tip, from the base / "
-        "0.1 m",
+        10, "the wire at a quarter, half and three quarters of its length, and its tip, from the base / 0.1 m",
         _sized(3 * len(WIRE_SHARES), "length"), always(_wire_points),
     ),
     "wanted_points": Channel(
-        10, "the same of the wanted shape", _sized(0, free=3 * len(WIRE_SHARES)), always(_wanted_points)
+        10, "the same of the wanted shape", _sized(0, free=3 * len(WIRE_SHARES)), always(_wanted_points),
+        shapes=True,
     ),
     "contact": Channel(
         10, "the wall's normal forces summed over the wire: mean and largest of the last control period / 0.1 N",

@@ -64,14 +64,15 @@ class Shape(Kind):
     def starts(self, task: Task) -> str:
         """As `Kind.starts`."""
         return (
-            f"The wire stands straight out of its clamp. The wanted shape is drawn from those that {self.count} commands, "
-            "uniform in the rig's range, make of the wire at rest, without the nearly straight ones."
+            "The wire stands straight out of its clamp. The wanted shape is drawn from those that "
+            f"{self.count} commands, uniform in the rig's range, make of the wire at rest; nearly straight ones are "
+            "left out."
         )
 
     def ends(self, task: Task) -> str:
         """As `Kind.ends`."""
         return (
-            f"Terminated when the root mean square distance of the nodes from those of the wanted shape has stayed below "
+            "Terminated when the root mean square distance of the nodes from the wanted shape's has stayed below "
             f"{1e3 * task.tolerance:g} mm for {task.hold:g} s (`is_success`). That distance is `distance` in `info`; "
             '`summary["time"]` runs to the end of the holding.'
         )
@@ -83,7 +84,7 @@ def off(nodes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 
 def come_to_rest(scenario: Scenario, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The shapes (k, nodes, 3) m that held commands (k, dof) make of a wire that was straight, and which are at rest."""
+    """The shapes (k, nodes, 3) m that held commands (k, dof) make of a straight wire, and which of them are at rest."""
     n = len(commands)
     sim = Simulator(scenario, n)
     sim.lay(np.arange(n), Places(np.full(n, scenario.wire.length)), commands, Places(np.full(n, scenario.tract.length)))
@@ -110,8 +111,8 @@ def reachable(scenario: Scenario, count: int) -> Wanted:
     kept = still & (off(nodes, straight) > _LEAST_BENT * scenario.wire.length)
     if not kept.any():
         raise ValueError(
-            f"scenario {scenario.name!r} must have commands that bend its wire by more than {_LEAST_BENT:g} of its length "
-            f"and let it come to rest, got none of {count}"
+            f"scenario {scenario.name!r} must have commands that bend its wire by more than {_LEAST_BENT:g} of its "
+            f"length and let it come to rest, got none of {count}"
         )
     return Wanted(commands[kept], nodes[kept])
 
@@ -162,7 +163,8 @@ class Shapes:
             commands = np.broadcast_to(np.asarray(target, dtype=np.float64), (n, dof))[lanes]
         except (TypeError, ValueError):
             raise ValueError(
-                f"options['target'] must be a command of {dof} numbers (in rad, m and A), or {n} of them, got {target!r}"
+                f"options['target'] must be a command of {dof} numbers (in rad, m and A), or {n} of them, "
+                f"got {target!r}"
             ) from None
         if not ((commands >= low - 1e-9) & (commands <= high + 1e-9)).all():
             raise ValueError(

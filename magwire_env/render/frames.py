@@ -118,7 +118,7 @@ class Picture:
         brush, k = self.brush, self.brush.scale
         parts = (
             (8, f"t {number(now.time, 1)} s"),
-            (64, f"tip {number(1e3 * now.tip_arclength)} mm"),
+            (64, f"{'off' if now.scenario.rig.clamped else 'tip'} {number(1e3 * now.tip_arclength)} mm"),
             (176, f"{drive_name(self.scenario)} {number(1e3 * now.drive_force, 1)} mN"),
             (290, f"lateral {1e3 * now.lateral_force:.1f} mN"),
             (388, f"wall {1e3 * now.wall_force:.0f} mN"),

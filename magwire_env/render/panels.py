@@ -13,7 +13,7 @@ from ..simulation.model import supports
 from . import paint
 from .dofs import Dof, dofs_of, number
 from .paint import Brush
-from .snapshot import Snapshot, force_scale
+from .snapshot import Snapshot, force_scale, place_name
 
 __all__ = ["ForceMap", "History", "Strips", "drive_name", "map_limit", "map_name", "map_of", "strip_limit"]
 
@@ -101,7 +101,7 @@ class Strips:
 
     def __init__(self, brush: Brush, scenario: Scenario, rect: Any, force_limit: float) -> None:
         self.brush, self.rect, self.force_limit = brush, rect, force_limit
-        self.name = drive_name(scenario)
+        self.name, self.place = drive_name(scenario), place_name(scenario)
         tree = scenario.tree
         lone = len(tree.branches) == 1
         self.length = tree.trunk.length if lone else max(tree.length_of(leaf) for leaf in tree.leaves)
@@ -120,7 +120,7 @@ class Strips:
             way = Axes(_plot_rect(brush, bottom, 34, 15, 15), (0.0, span), (0.0, self.length))
             way.ticks(brush, surface, times, round_ticks(self.length)[::2], "s", y_factor=1e3)
             brush.text(surface, f"{self.name} force [mN]", (force.rect.left, top.top + 1), 11, paint.INK)
-            brush.text(surface, "tip arc length [mm], target", (way.rect.left, bottom.top + 1), 11, paint.INK)
+            brush.text(surface, f"{self.place} [mm], target", (way.rect.left, bottom.top + 1), 11, paint.INK)
             self._drawn[span] = surface, force, way
         return self._drawn[span]
 

@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from ..envs.core import SteeringCore
+from ..envs.shapes import off
 from ..physics.magnets import BlockMagnet, CylinderMagnet, Magnet
 from ..scenario import Scenario
 from ..scenario.rig import Turn
@@ -24,6 +25,7 @@ __all__ = [
     "force_scale",
     "load_limit",
     "magnet_rotations",
+    "place_name",
     "snapshots",
 ]
 
@@ -41,7 +43,8 @@ class Snapshot:
     """One lane at one moment, SI units.
 
     time : s since the episode's start
-    tip_arclength, goal : m from the inlet, along the tract or, of a tree, along the branches
+    tip_arclength, goal : m from the inlet, along the tract or, of a tree, along the branches; where a shape is wanted,
+        the nodes' distance from it, and 0: `place_name` says which
     target, target_way, target_radius : the goal's point (3,) m, the direction of the way there, the lumen's radius, m
     route : (j, 3) m, of a tree the way from the inlet to the goal along centrelines; of a tract none; a wanted shape
     nodes : (k, 3) m, tail to tip; what a feed has not pushed out lies straight behind the inlet, a little of it
@@ -100,12 +103,13 @@ def snapshots(core: SteeringCore, lanes: Sequence[int] | None = None) -> list[Sn
             branch.curve.position(goal), branch.curve.tangent(goal), float(branch.radius(goal)),
             _route(scenario, branch.name, goal),
         )  # fmt: skip
+        place, way = float(arclength[i]), _way_to(scenario, branch.name, goal)
         if core.shapes:
             marked = _of_shape(core.shapes.wanted[i], scenario.wire.radius)
+            place, way = float(off(nodes, core.shapes.wanted[i])), 0.0
         out.append(
             Snapshot(
-                scenario, float(sim.time[i]), float(arclength[i]), _way_to(scenario, branch.name, goal), *marked,
-                nodes, contact,
+                scenario, float(sim.time[i]), place, way, *marked, nodes, contact,
                 load, tip[i], tangent[i] / np.linalg.norm(tangent[i]), force[i],
                 float(drive[i]), float(lateral[i]), float(wall[i]), magnet[i], centres[i],
             )
@@ -117,6 +121,11 @@ def _of_shape(wanted: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray
     """A wanted shape, nodes (k, 3) m, as a route with its mark at the end."""
     end = wanted[-1] - wanted[-2]
     return wanted[-1], end / np.linalg.norm(end), 2.0 * radius, wanted.copy()
+
+
+def place_name(scenario: Scenario) -> str:
+    """What a snapshot's `tip_arclength` is."""
+    return "distance from the shape" if scenario.rig.clamped else "tip arc length"
 
 
 @lru_cache(maxsize=64)

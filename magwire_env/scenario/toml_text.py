@@ -58,14 +58,14 @@ def _table(part: Any, path: tuple[str, ...]) -> Iterator[str]:
 
 
 def _entries(part: Any) -> list[tuple[str, Any]]:
-    """The fields that are written: not None, lists empty by default, or sensing and variation of nothing."""
+    """The fields that are written: not None, lists empty by default, no clamp, or sensing and variation of nothing."""
     own: list[tuple[str, Any]] = [("kind", KIND_OF[type(part)])] if type(part) in KIND_OF else []
     tree = getattr(part, "lumen", None)
     for field in dataclasses.fields(part):
         value = getattr(part, field.name)
         if tree is not None and (field.name == "tract" or (field.name == "lumen" and type(tree.wall) not in _PLAIN)):
             continue
-        nothing = value is None or (value == () and field.default == ())
+        nothing = value is None or (value == () and field.default == ()) or (field.name == "clamped" and not value)
         if not nothing and not (isinstance(value, (Sensing, Variation)) and not value):
             own.append((field.name, value))
     return own

@@ -44,8 +44,8 @@ class Library:
     wire_length, tract_length : (entries,) m
     start_length : (entries,) m, where the tip of a wire stands that lies just inside the inlet: the wire's length, or
         what its feed has inserted
-    reach : (entries, 2) m, how far from the inlet a feed can bring a tip; −∞ and ∞ of a wire that is dragged, its length
-        of one that is clamped
+    reach : (entries, 2) m, how far from the inlet a feed can bring a tip; −∞ and ∞ of a wire that is dragged, its
+        length of one that is clamped
     too_long_step : (entries,), the integration step is too long for the wire, see `Scenario.step_too_long`
 
     Raises `ValueError` if the scenarios differ in timing, wire model or the kinds of their degrees of freedom.

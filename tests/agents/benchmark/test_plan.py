@@ -8,7 +8,7 @@ import pytest
 
 from agents.benchmark import cells as kinds
 from agents.benchmark.plan import ARENAS, LEARNERS, Plan
-from agents.catalogue import CONTROLLERS, OF_TREES
+from agents.catalogue import CONTROLLERS, NOT_OF_TRACTS
 from magwire_env.envs.task import TASKS
 
 
@@ -48,7 +48,7 @@ def test_every_policy_meets_every_arena():
     for arena in ARENAS:
         if arena.controllers is None:
             met = {cell.policy for cell in cells if cell.arena == arena.name and cell.kind in ("evaluate", "par")}
-            assert met >= set(CONTROLLERS) - set(OF_TREES), arena.name
+            assert met >= set(CONTROLLERS) - set(NOT_OF_TRACTS), arena.name
 
 
 @pytest.mark.parametrize("name", ["episodes", "timesteps", "seeds"])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import magwire_env  # noqa: F401  (registers the ids)
-from agents.catalogue import CONTROLLERS, IN_TREES, OF_TREES
+from agents.catalogue import CONTROLLERS, IN_TREES, NOT_OF_TRACTS, OF_SHAPES
 from agents.controllers import MaxForce, NetForce
 from agents.evaluation.evaluator import evaluate
 
@@ -16,8 +16,9 @@ ID = "MagWire/Steer-v0"
 
 @pytest.mark.parametrize(
     ("name", "task", "mode"),
-    [(name, ID, mode) for name in CONTROLLERS if name not in OF_TREES for mode in ("angle", "rate", "direction")]
-    + [(name, "MagWire/Navigate-v0", "moment") for name in IN_TREES],
+    [(name, ID, mode) for name in CONTROLLERS if name not in NOT_OF_TRACTS for mode in ("angle", "rate", "direction")]
+    + [(name, "MagWire/Navigate-v0", "moment") for name in IN_TREES]
+    + [(name, "MagWire/Shape-v0", mode) for name in OF_SHAPES for mode in ("angle", "rate")],
 )
 def test_predict_single_and_batched(name, task, mode):
     env = gym.make(task, action_mode=mode)
