@@ -12,6 +12,7 @@ import matplotlib
 import pytest
 
 from agents.cli.main import main as magwire
+from tests.support.certified import check_certified
 from tests.support.pages import blocks, follow, words
 
 ROOT = Path(__file__).parents[1]
@@ -36,6 +37,7 @@ def typed(command: str) -> None:
     program, *arguments = words(command)
     assert program == "magwire", command
     magwire(arguments)
+    check_certified(arguments)
 
 
 @pytest.mark.parametrize(("page", "least"), [("policies", 4), ("scenarios", 4), ("learning", 5)])

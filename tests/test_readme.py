@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.certified import check_certified
 from tests.support.pages import blocks, follow, words
 
 cli = importlib.import_module("agents.cli.main")  # the package's own `main` is its function
@@ -41,6 +42,7 @@ def test_the_blocks_work_in_order(tmp_path, monkeypatch):
             assert arguments[0] in targets, command
         elif program == "magwire":
             cli.main(arguments)
+            check_certified(arguments)
             for argument in arguments:
                 if re.fullmatch(r"[\w/]+\.(toml|zip|py)(:\w+)?", argument):
                     assert (tmp_path / argument.split(":")[0]).exists(), command

@@ -29,7 +29,7 @@ def cache(options: Cache) -> None:
         if options.clear:
             for file in files:
                 file.unlink(missing_ok=True)
-    print(format_table(("what", "files", "size", "folder"), rows))
+    print(format_table(("what", "files", "size", "folder"), rows, flexible=()))
     print(
         "cleared"
         if options.clear

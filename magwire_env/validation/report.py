@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 from typing import NamedTuple
 
 from ..progress import Progress
@@ -112,7 +114,9 @@ class Check:
 def run(checks: Iterable[Check], size: Size = FULL) -> list[Row]:
     """Every row of `checks`, in order."""
     checks, rows = tuple(checks), []
-    with Progress("checking", len(checks)) as progress:
+    with Progress("checking", len(checks)) as progress, warnings.catch_warnings():
+        # Benches have wires and periods of no real device; `Scenario` says so.
+        warnings.filterwarnings("ignore", ".*which is hardly meant")
         for check in checks:
             progress.stage = check.name
             rows += check.rows(size)
@@ -123,17 +127,45 @@ def run(checks: Iterable[Check], size: Size = FULL) -> list[Row]:
 def table(rows: Iterable[Row], markdown: bool = False) -> str:
     """The rows as a table of text, or of Markdown."""
     head = ("quantity", "expected", "source", "ours", "relative error (allowed)", "verdict")
-    return format_table(head, [row.cells() for row in rows], markdown)
+    return format_table(head, [row.cells() for row in rows], markdown, flexible=(0, 1, 2, 3))
 
 
-def format_table(head: tuple[str, ...], lines: Sequence[tuple[str, ...]], markdown: bool = False) -> str:
-    """Columns under a heading, padded to equal widths, or as Markdown."""
+TERMINAL = 120
+"""Columns of a terminal that tables must fit."""
+
+_NARROWEST = 10
+"""A flexible column gets no narrower than this."""
+
+
+def format_table(
+    head: tuple[str, ...],
+    lines: Sequence[tuple[str, ...]],
+    markdown: bool = False,
+    flexible: tuple[int, ...] = (0,),
+) -> str:
+    """Columns under a heading, padded to equal widths and no wider than `TERMINAL` in all, or as Markdown.
+
+    flexible : the columns whose texts take several lines where the table is too wide, widest first
+    """
     if markdown:
         rule = ["---"] * len(head)
         return "\n".join("| " + " | ".join(cells) + " |" for cells in [head, rule, *lines])
     widths = [max(len(cells[i]) for cells in [head, *lines]) for i in range(len(head))]
+    while flexible and sum(widths) + 2 * (len(widths) - 1) > TERMINAL:
+        widest = max(flexible, key=lambda i: widths[i])
+        if widths[widest] <= _NARROWEST:
+            break
+        widths[widest] -= 1
     rows = [head, tuple("-" * w for w in widths), *lines]
-    return "\n".join("  ".join(c.ljust(w) for c, w in zip(cells, widths, strict=True)).rstrip() for cells in rows)
+    return "\n".join(line for cells in rows for line in _lines(cells, widths))
+
+
+def _lines(cells: Sequence[str], widths: Sequence[int]) -> list[str]:
+    """A row of the table: one line, or as many as its longest cell takes."""
+    parts = [wrap(c, w) if len(c) > w else [c] for c, w in zip(cells, widths, strict=True)]
+    padded = [[(p[k] if k < len(p) else "").ljust(w) for p, w in zip(parts, widths, strict=True)]
+              for k in range(max(map(len, parts)))]  # fmt: skip
+    return ["  ".join(row).rstrip() for row in padded]
 
 
 def _number(value: float) -> str:

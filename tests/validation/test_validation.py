@@ -2,6 +2,7 @@
 
 import functools
 import math
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from agents.cli.main import main
 from magwire_env.physics import BlockMagnet
 from magwire_env.scenario import Contact, Scenario
 from magwire_env.simulation import drive_at
-from magwire_env.validation import CHECKS, TEST, Check, Row, claims, table
+from magwire_env.validation import CHECKS, TEST, Check, Row, claims, run, table
 from magwire_env.validation.motion import bench, straight_then_arc, tip_energy
 from magwire_env.validation.page import without_numbers
 from magwire_env.validation.report import at_least, at_most
@@ -72,6 +73,26 @@ def test_table_in_text_and_markdown():
     assert second.endswith("FAILS")
     lines = table(rows, markdown=True).splitlines()
     assert {line.count("|") for line in lines} == {7}
+
+
+def test_a_wide_table_takes_several_lines_a_row_and_120_columns():
+    long = "F19 whip, a = 1.65: most that the tip turns for 0.25° of the base, over a whole turn of it, with friction"
+    rows = [Row(long, "°", 91.841, "Euler, Bernoulli and others since", 91.841, 1e-3), Row("b", "", 1.0, "", 1.0, 1e-3)]
+    head, rule, *lines = table(rows).splitlines()
+    assert max(map(len, (head, rule, *lines))) <= 120
+    width = rule.index(" ")
+    assert " ".join(line[:width].strip() for line in lines[:-1]) == long
+    assert lines[-1].startswith("b ")
+
+
+def test_checks_say_nothing_of_benches_whose_numbers_nobody_means():
+    def odd(_):
+        return [at_least("friction", "", 1.0, "", Scenario.paper().replace(contact__friction=50.0).contact.friction)]
+
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        assert run([Check("odd", odd)], TEST)[0].holds
+    assert not said
 
 
 def test_the_command_prints_the_table_and_fails_with_the_checks(monkeypatch, capsys):

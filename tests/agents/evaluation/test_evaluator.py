@@ -148,3 +148,12 @@ def test_steps_that_are_not_to_be_trusted_are_said():
     fine = evaluate(MaxForce.from_env, ID, 4, scenario=slow, time_limit=3.0)
     assert not fine.unconverged.any()
     assert "trusted" not in table([fine])
+
+
+@pytest.mark.parametrize("name", ["Steer-v1-ppo-seed0", "a_very_long_name_of_a_policy_that_somebody_wrote"])
+def test_the_terminals_table_fits_120_columns(rows, name):
+    own = dataclasses.replace(rows["MaxForce"], policy=name, cost=np.full(len(rows["MaxForce"].time), 37.3381))
+    text = table([own, *rows.values()], par=rows["MaxForce"], markdown=False)
+    assert max(map(len, text.splitlines())) <= 120
+    assert "37338.1" in text
+    assert name[:8] in text
