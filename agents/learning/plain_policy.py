@@ -164,7 +164,7 @@ class PlainPolicy:
     @property
     def sees(self) -> str:
         """For people: what one observation of the env holds."""
-        return f"{self.size} numbers: {', '.join(self.about.channels)}"
+        return f"{self.size} numbers ({', '.join(self.about.channels)})"
 
     @property
     def env_settings(self) -> dict[str, Any]:
