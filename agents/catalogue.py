@@ -41,6 +41,7 @@ from .controllers import (
     FollowRoute,
     Forward,
     Hold,
+    InverseShape,
     MaxForce,
     NetForce,
     Random,
@@ -56,6 +57,7 @@ __all__ = [
     "CONTROLLERS",
     "FLOORS",
     "IN_TREES",
+    "OF_SHAPES",
     "OF_TREES",
     "PAR",
     "REFERENCE",
@@ -85,7 +87,7 @@ class Untrained:
 CONTROLLERS: dict[str, Any] = {
     c.__name__: c
     for c in (
-        MaxForce, NetForce, ExtremumSeeking, PD, MPPI, Optimal, FollowRoute, RecoverRoute, Forward, Hold,
+        MaxForce, NetForce, ExtremumSeeking, PD, MPPI, Optimal, FollowRoute, RecoverRoute, Forward, Hold, InverseShape,
         HoldHome, BestConstant, BestConstantEach, ConstantRotation, Random,
     )
 } | {"untrained": Untrained}  # fmt: skip
@@ -99,6 +101,9 @@ REFERENCE = MaxForce.__name__
 
 FLOORS = tuple(n for n, c in CONTROLLERS.items() if getattr(c, "sees_nothing", False) or getattr(c, "floor", False))
 """Controllers that see nothing, and the untrained policy."""
+
+OF_SHAPES = ("InverseShape",)
+"""Controllers of shaping tasks alone."""
 
 OF_TREES = ("FollowRoute", "RecoverRoute", "Forward", "Hold")
 """Controllers of navigating tasks alone."""
@@ -147,7 +152,8 @@ def compared_with(task: str, par: bool = True, floors: bool = False) -> tuple[st
     if TASKS[task].kind.navigates:
         return IN_TREES
     par = par and has_par(task)
-    return (REFERENCE, *(FLOORS if floors else ()), *((PAR,) if par else ()))
+    first = OF_SHAPES[0] if TASKS[task].kind.shapes else REFERENCE
+    return (first, *(FLOORS if floors else ()), *((PAR,) if par else ()))
 
 
 def has_par(task: str) -> bool:

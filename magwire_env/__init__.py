@@ -26,7 +26,8 @@ TASK_IDS = (
     *(f"MagWire/{name}-v0" for name in ("Steer", "Reach", "Track", "SteerAny", "Orient", "Chase", "Dual")),
     *(f"MagWire/{name}-v1" for name in ("Steer", "Reach", "Track", "SteerAny", "Hard", "Orient", "Chase", "Dual")),
     "MagWire/SteerFree-v0",
-    "MagWire/Navigate-v0",
+    "MagWire/Shape-v0",
+    *(f"MagWire/{name}-v0" for name in ("Navigate", "NavigateAny", "Recover")),
 )
 """The tasks of `envs.task.TASKS`, spelt out here so that importing this package loads nothing heavy."""
 

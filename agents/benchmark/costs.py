@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from magwire_env.words import counted
+
 from .plan import Cell, Plan
 
 __all__ = ["SECONDS", "estimate"]
@@ -29,7 +31,8 @@ def estimate(plan: Plan, missing: Sequence[Cell], out: Path, workers: int) -> st
         each = sum(finished) / len(finished) if finished else SECONDS[kind]
         seconds += sum(each * (1.0 if finished else _share(plan, cell)) for cell in missing if cell.kind == kind)
     source = "measured here" if len(measured) == len({c.kind for c in missing}) else "partly from earlier measurements"
-    return f"{len(missing)} cells are missing: about {_time(seconds / workers)} with {workers} workers ({source})"
+    hands = f"{_time(seconds / workers)} with {counted(workers, 'worker')}"
+    return f"{counted(len(missing), 'cell')} missing: about {hands} ({source})"
 
 
 def _share(plan: Plan, cell: Cell) -> float:

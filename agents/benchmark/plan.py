@@ -25,10 +25,7 @@ from ..evaluation.episodes import EVALUATION_SEED
 from ..evaluation.robustness import DISTURBANCES
 from ..learning.hyperparameters import hyperparameters
 
-__all__ = ["ARENAS", "HARD", "LEARNERS", "Arena", "Cell", "Learner", "Plan", "plain_name"]
-
-HARD = "hard"
-"""Name of the shipped scenario that is solvable with a small margin."""
+__all__ = ["ARENAS", "LEARNERS", "Arena", "Cell", "Learner", "Plan", "plain_name"]
 
 ROBUSTNESS = {
     "Steer": (REFERENCE, "NetForce", "MPPI", "ExtremumSeeking", "ppo"),
@@ -94,28 +91,24 @@ def plain_name(task: str) -> str:
 def _arena_of(task: Task) -> Arena:
     """The arena of a registered task."""
     name = plain_name(task.id)
-    # An older version shows only what its floors do beside the paper's own policy.
-    some = (REFERENCE, *FLOORS) if task.id.endswith(name) else None
     if task.pool is None:
-        return Arena(name, task.id, controllers=some)
-    episodes = 500 if name in ("SteerAny", "Chase") else 200
-    return Arena(name, task.id, split="test", episodes=episodes, controllers=some)
+        return Arena(name, task.id)
+    return Arena(name, task.id, split="test", episodes=500 if name == "SteerAny" else 200)
 
 
-_PLAYED = tuple(task for task in TASKS.values() if has_par(task.id))
-"""Tasks of the benchmark, which scores by the par; those of free wires have none."""
+_PLAYED = tuple(task for task in TASKS.values() if has_par(task.id) and "-v" not in plain_name(task.id))
+"""Tasks of the benchmark, each in its newest version. It scores by the par; those of free wires have none."""
 
 ARENAS: tuple[Arena, ...] = (
     *map(_arena_of, _PLAYED),
     Arena("SteerAny ood", "MagWire/SteerAny-v1", split="ood", models="SteerAny", episodes=100),
     Arena("Chase ood", "MagWire/Chase-v1", split="ood", models="Chase"),
-    Arena("hard scenario", "MagWire/Steer-v0", scenario=HARD),
     Arena(
         "SteerAny force only", "MagWire/SteerAny-v1", split="test", episodes=500,
         controllers=("ExtremumSeeking", *FLOORS), par="SteerAny",
     ),
 )  # fmt: skip
-"""An arena for every registered task, then variants."""
+"""An arena for every task of the benchmark, then variants."""
 
 _FORCE_ONLY = ("SteerAny force only",)
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from magwire_env.plotting import BLACK, BLUE, BROWN, GREEN, GREY, ORANGE, PURPLE, RED, SKY, blank, styled
+from magwire_env.words import counted
 
 from ..evaluation.robustness import heat_map
 from .aggregates import TAUS
@@ -57,7 +58,7 @@ def draw(data: dict[str, Any], folder: Path, digest: str) -> list[Path]:
                 written.append(folder / f"benchmark_{name}.png")
                 figure.savefig(written[-1], metadata={DIGEST: digest})
     for entry in data["robustness"]:
-        title = f"{entry['policy']} on {entry['arena']}, {entry['episodes']} episodes a cell"
+        title = f"{entry['policy']} on {entry['arena']}, {counted(entry['episodes'], 'episode')} a cell"
         written.append(heat_map(entry["rows"], title, folder / heat_map_name(entry), {DIGEST: digest}))
     return written
 

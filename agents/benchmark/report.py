@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from magwire_env.words import counted
+
 from .plan import plain_name
 from .plots import draw, heat_map_name
 
@@ -60,7 +62,7 @@ def less_than_kept(data: dict[str, Any], docs: Path) -> str:
         return ""
     kept = json.loads(file.read_text(encoding="utf-8"))
     lost = sorted(set(data["missing"]) - set(kept["missing"]))
-    return f"{len(lost)} cells of its report are missing here, such as {lost[0]!r}" if lost else ""
+    return f"{counted(len(lost), 'cell')} of its report missing here, such as {lost[0]!r}" if lost else ""
 
 
 def text_of(data: dict[str, Any]) -> str:
@@ -153,7 +155,7 @@ episodes and do not count for the front, those below 50 % are left out."""
     if data.get("episodes_in"):
         text += f"\n\nEvery episode of every policy stands in [{data['episodes_in']}]({data['episodes_in']})."
     if missing:
-        text += f"\n\n**Missing**: {len(missing)} cells are not in this report: {', '.join(missing)}."
+        text += f"\n\n**Missing** from this report: {counted(len(missing), 'cell')}, {', '.join(missing)}."
     return text
 
 
@@ -174,7 +176,7 @@ def _overall(data: dict[str, Any]) -> str:
 
 
 def _arena(arena: dict[str, Any]) -> str:
-    where = [f"`{arena['task']}`", f"{arena['episodes']} episodes"]
+    where = [f"`{arena['task']}`", counted(arena["episodes"], "episode")]
     where += [f"split `{arena['split']}`"] if arena["split"] else []
     where += [f"scenario `{arena['scenario']}`"] if arena["scenario"] else []
     lines = [f"## {arena['name']}", "", ", ".join(where) + ".", ""]
@@ -202,7 +204,7 @@ def _row(entry: dict[str, Any], tracking: bool) -> list[str]:
     label = _label(entry["policy"], entry["kind"])
     if entry["kind"] == "trained":
         seeds, planned = entry["seeds"], entry["seeds_planned"]
-        count = f"{planned} seed{'s'[: planned > 1]}" if seeds == planned else f"{seeds} of {planned} seeds"
+        count = counted(planned, "seed") if seeds == planned else f"{seeds} of {planned} seeds"
         label = f"{entry['policy']} *(trained, {count})*"
     if entry["state"] != "played":
         return [label, "missing" if entry["state"] == "missing" else _NONE, *[_NONE] * 8]

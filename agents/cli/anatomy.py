@@ -15,6 +15,7 @@ import tyro
 from magwire_env.lumen import Lumen, LumenNote
 from magwire_env.physics.checks import positive
 from magwire_env.plotting import BLUE, GREY, ORANGE, RED, SKY, blank, styled
+from magwire_env.words import counted
 
 if TYPE_CHECKING:
     from magwire_env.simulation import Library
@@ -73,14 +74,17 @@ def anatomy(options: Anatomy) -> None:
         _serve(lumen, wire, options.port)
 
 
+def _parts(lumen: Lumen) -> str:
+    return f"{counted(len(lumen.branches), 'branch', 'branches')}, {counted(len(lumen.leaves), 'end')}"
+
+
 def report(lumen: Lumen, wire: float) -> str:
     """What a person wants to know of a lumen before they use it; wire : its diameter, m."""
     low, high = (1e3 * corner for corner in lumen.bounds)
     bend, at_bend = lumen.sharpest_bend
     narrow, at_narrow = lumen.narrowest
     rows = [
-        f"{lumen.name or 'lumen'}: {len(lumen.branches)} branches, {len(lumen.leaves)} ends, "
-        f"{1e3 * lumen.total_length:.0f} mm of centreline",
+        f"{lumen.name or 'lumen'}: {_parts(lumen)}, {1e3 * lumen.total_length:.0f} mm of centreline",
         f"axes {lumen.axes or 'not declared'}; from {_shown(low)} to {_shown(high)} mm; "
         f"inlet at {_shown(1e3 * lumen.position('inlet'))} mm",
         f"narrowest {2e3 * narrow:.3g} mm across, {_where(lumen, at_narrow)}; "
@@ -142,7 +146,7 @@ def picture(lumen: Lumen, path: Path) -> Path:
                 panel.annotate(name, (end[i], end[j]), fontsize=6, zorder=6)
             panel.set(aspect="equal", xlabel=f"{'xyz'[i]} (mm)", ylabel=f"{'xyz'[j]} (mm)")
             panel.autoscale_view()
-        figure.suptitle(f"{lumen.name or 'lumen'}: {len(lumen.branches)} branches, {len(lumen.leaves)} ends")
+        figure.suptitle(f"{lumen.name or 'lumen'}: {_parts(lumen)}")
         figure.savefig(path)
     return path
 

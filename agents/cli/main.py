@@ -24,6 +24,7 @@ from agents.cli.policies import Policies, policies
 from agents.cli.train import train
 from agents.learning.config import BAD_INPUT, Algorithm, Config
 from magwire_env.physics.checks import whole
+from magwire_env.words import counted
 
 if TYPE_CHECKING:
     from agents.catalogue import Entrant
@@ -173,7 +174,7 @@ def robustness(options: Robustness) -> None:
         par = evaluate(policy, own.task, options.episodes, name=name, **own.same_episodes)
     rows = sweep_scores(found, par)
     against = "itself undisturbed" if par is None else par.policy
-    title = f"{own.name} on {own.task}, {options.episodes} episodes a cell, score against {against}"
+    title = f"{own.name} on {own.task}, {counted(options.episodes, 'episode')} a cell, score against {against}"
     picture = heat_map(rows, title, options.out / f"{own.name}.png", label="score")
     data = {"policy": own.name, "task": own.task, "episodes": options.episodes, "against": against, "rows": rows}
     numbers = picture.with_suffix(".json")
@@ -206,7 +207,7 @@ def benchmark(options: Benchmark) -> None:
     failed = []
     if not options.report_only:
         wanted = [cell for cell, state in states.items() if options.again or state != "finished"]
-        print(f"{len(wanted)} cells to make, {len(cells) - len(wanted)} finished", flush=True)
+        print(f"{counted(len(wanted), 'cell')} to make, {len(cells) - len(wanted)} finished", flush=True)
         try:
             failed = run_cells(plan, wanted, options.out, options.workers, options.ray, options.store)
         except KeyboardInterrupt:
@@ -214,12 +215,12 @@ def benchmark(options: Benchmark) -> None:
     data = collect(plan, options.out)
     docs, readme = options.docs or options.out, options.readme
     if less := less_than_kept(data, docs):
-        print(f"{docs} is kept, since {less}; the report goes to {options.out}")
+        print(f"{docs} is kept, with {less}; the report goes to {options.out}")
         docs, readme = options.out, None
     for path in write(data, docs, readme, episode_records(plan, options.out)):
         print(path)
     if data["missing"]:
-        print(f"{len(data['missing'])} cells are missing from the report, which names them")
+        print(f"{counted(len(data['missing']), 'cell')} missing from the report, which names them")
     if failed:
         print("\n".join(f"failed: {cell.name}, see {cell.log(options.out)}" for cell in failed))
         sys.exit(1)

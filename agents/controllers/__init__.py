@@ -7,6 +7,7 @@ from .base import Controller
 from .constant_rotation import ConstantRotation
 from .extremum_seeking import ExtremumSeeking
 from .follow_route import FollowRoute, Forward, Hold, RecoverRoute
+from .inverse_shape import InverseShape
 from .max_force import MaxForce
 from .mppi import MPPI, MPPISettings
 from .net_force import NetForce
@@ -14,6 +15,6 @@ from .pd import PD
 from .random import Random
 
 __all__ = [
-    "MPPI", "PD", "ConstantRotation", "Controller", "ExtremumSeeking", "FollowRoute", "Forward", "Hold", "MPPISettings",
-    "MaxForce", "NetForce", "Random", "RecoverRoute",
+    "MPPI", "PD", "ConstantRotation", "Controller", "ExtremumSeeking", "FollowRoute", "Forward", "Hold", "InverseShape",
+    "MPPISettings", "MaxForce", "NetForce", "Random", "RecoverRoute",
 ]  # fmt: skip

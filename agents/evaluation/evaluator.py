@@ -12,10 +12,11 @@ import numpy as np
 
 import magwire_env  # noqa: F401  (registers the ids)
 from magwire_env.envs.core import SteeringCore
+from magwire_env.envs.pools import scenario_pool
 from magwire_env.envs.task import TASKS, known_task
 from magwire_env.progress import Progress
-from magwire_env.quasistatic.pool import scenario_pool
 from magwire_env.validation.report import format_table
+from magwire_env.words import counted
 
 from .episodes import EVALUATION_SEED, built
 from .episodes import episodes as played
@@ -170,6 +171,7 @@ def evaluate(
 
     In a generated task without a `scenario`, every episode has a tract of its own: the first `episodes` of the pool of
     `split` (by default "train"). So a smaller evaluation is the beginning of a larger one, and `pool_size` is ignored.
+    Certified trees are a limited number (`magwire_env.envs.trees`) and come round again.
 
     policy : an SB3-like policy, or a callable that makes one from the batch (such as ``MaxForce.from_env``)
     env : a batch of `episodes` lanes; by default one is made for `task` with `env_settings`
@@ -244,7 +246,8 @@ def _untrusted(rows: list[Episodes]) -> list[str]:
     for row in rows:
         untrusted = int((row.unconverged > 0).sum())
         if untrusted:
-            said = f"{row.policy}: {untrusted} of {len(row.success)} episodes have steps not to be trusted, in which "
+            share = f"{untrusted} of {counted(len(row.success), 'episode')} {'has' if untrusted == 1 else 'have'}"
+            said = f"{row.policy}: {share} steps not to be trusted, in which "
             lines += ["", said + "friction did not converge, nodes passed each other, or the step was too long."]
     return lines
 

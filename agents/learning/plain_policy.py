@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from magwire_env.words import counted
+
 __all__ = ["ACTIVATIONS", "PRODUCTS", "Layer", "Normalization", "PlainPolicy", "PolicyAbout"]
 
 PRODUCTS = 1_000_000
@@ -164,7 +166,7 @@ class PlainPolicy:
     @property
     def sees(self) -> str:
         """For people: what one observation of the env holds."""
-        return f"{self.size} numbers ({', '.join(self.about.channels)})"
+        return f"{counted(self.size, 'number')} ({', '.join(self.about.channels)})"
 
     @property
     def env_settings(self) -> dict[str, Any]:
@@ -193,7 +195,8 @@ class PlainPolicy:
         mode = self.about.env.get("action_mode", TASKS[self.task].action_mode)
         if (core.actuation.mode, core.actuation.space.shape) != (mode, self.low.shape):
             return (
-                f"the policy was trained on {self.task} to give {len(self.low)} numbers (action_mode {mode!r}), but "
+                f"the policy was trained on {self.task} to give {counted(len(self.low), 'number')} "
+                f"(action_mode {mode!r}), but "
                 f"{core.task.id} takes {core.actuation.space.shape[0]} here (action_mode {core.actuation.mode!r})"
             )
         return ""

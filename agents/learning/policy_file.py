@@ -17,6 +17,8 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as arrays_of
 from safetensors.numpy import save as bytes_of
 
+from magwire_env.words import counted
+
 from ..notes import note
 from ..shipped import folder_of
 from .plain_eyes import Convolution, Eyes, SeeingPolicy
@@ -91,9 +93,13 @@ def read(folder: Path) -> PlainPolicy:
     widths = [frames * size + (0 if eyes is None else eyes.features), *(len(layer.bias) for layer in layers)]
     for i, layer in enumerate(layers):
         if len(layer.weight) != widths[i]:
-            raise ValueError(f"{stored.where}: layers[{i}] must take {widths[i]} numbers, got {len(layer.weight)}")
+            raise ValueError(
+                f"{stored.where}: layers[{i}] must take {counted(widths[i], 'number')}, got {len(layer.weight)}"
+            )
     if not layers or widths[-1] != actions:
-        raise ValueError(f"{stored.where}: layers must end in the {actions} numbers of an action, got {widths[1:]}")
+        raise ValueError(
+            f"{stored.where}: layers must end in {counted(actions, 'number')}, as an action has, got {widths[1:]}"
+        )
     low, high = (arrays.take(f"action.{end}", (actions,), np.float32) for end in ("low", "high"))
     rest = (
         layers, _normalization(stored, arrays, frames * size), low, high, stored.get("squashed", bool), frames,
@@ -220,7 +226,9 @@ def _activation(stored: Stored) -> tuple[str, tuple[float, ...]]:
     activation, parameters = stored.one_of("activation", ACTIVATIONS), stored.get("parameters", list)
     count = ACTIVATIONS[activation][1]
     if len(parameters) != count or any(not isinstance(p, (int, float)) for p in parameters):
-        raise ValueError(f"{stored.where}: parameters of {activation} must be {count} numbers, got {parameters!r:.80}")
+        raise ValueError(
+            f"{stored.where}: parameters of {activation} must be {counted(count, 'number')}, got {parameters!r:.80}"
+        )
     return activation, tuple(parameters)
 
 

@@ -9,8 +9,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from magwire_env.envs.pools import scenario_pool
 from magwire_env.envs.task import TASKS, known_task
-from magwire_env.quasistatic.pool import scenario_pool
 from magwire_env.scenario import Scenario
 
 from ..env_kwargs import parsed, world

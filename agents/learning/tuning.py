@@ -22,6 +22,7 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial
 
 from magwire_env.physics.checks import one_of, whole
+from magwire_env.words import counted
 
 from ..engines import Outcome, Task, engine, run
 from .config import Config
@@ -123,7 +124,7 @@ def tune(
         outcomes = run(engine(workers, ray), tasks, told)
         rows = [dict(trial.user_attrs["row"]) for trial in _finished(study)]
     if failed := [outcome.failure for outcome in outcomes if outcome.failure is not None]:
-        raise ValueError(f"{len(failed)} of {left} trials failed, the first with: {failed[0]}")
+        raise ValueError(f"{len(failed)} of {counted(left, 'trial')} failed, the first with: {failed[0]}")
     path = out / f"{name}.yml"
     out.mkdir(parents=True, exist_ok=True)
     content = _described(config, rows)

@@ -54,6 +54,8 @@ class _Held(Controller):
 
     def _best(self, starts: Starts) -> np.ndarray:
         """The number of the held command for every start, (n,)."""
+        if self.core.shapes:
+            return self._of_shapes(self.core.shapes.held(self._shares), starts.task.tolerance)
         n, trials = len(starts), Trials(starts)
         low, high = starts.library.limits.low[starts.entries], starts.library.limits.high[starts.entries]
         value, success = np.empty((len(self._shares), n)), np.empty((len(self._shares), n), dtype=np.bool_)
@@ -63,10 +65,17 @@ class _Held(Controller):
             value[k], success[k] = found.value, np.isfinite(found.time)
         if starts.task.kind.follows:  # a tracking task succeeds by its error
             success = value <= starts.task.tolerance
+        return self._chosen_by(value, success)
+
+    def _of_shapes(self, value: np.ndarray, tolerance: float) -> np.ndarray:
+        """As `_best`, of a task of shapes: values (k, n) m are how far off wires come to rest."""
+        return self._chosen_by(value, value <= tolerance)
+
+    def _chosen_by(self, value: np.ndarray, success: np.ndarray) -> np.ndarray:
         if self.each:
             return np.where(success, value, np.inf).argmin(axis=0) if success.any() else value.argmin(axis=0)
         order = np.lexsort((np.median(value, axis=1), -success.sum(axis=1)))
-        return np.full(n, order[0])
+        return np.full(value.shape[1], order[0])
 
 
 class BestConstant(_Held):

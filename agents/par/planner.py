@@ -10,6 +10,7 @@ import numpy as np
 
 from magwire_env.envs.kernels import FOLLOW, HOLD, PASS
 from magwire_env.progress import Progress
+from magwire_env.words import counted
 
 from ..controllers import MPPI, PD, Controller, MaxForce, NetForce
 from .cache import Cache
@@ -66,7 +67,7 @@ def best_plans(starts: Starts, settings: Refinement, cache: Cache | None = None)
             )
             known[stale] = False
     missing = np.flatnonzero(~known)
-    with Progress(f"planning the par of {len(missing)} new episodes", len(missing)) as progress:
+    with Progress(f"planning the par of {counted(len(missing), 'new episode')}", len(missing)) as progress:
         for first in range(0, len(missing), _TOGETHER):
             rows = missing[first : first + _TOGETHER]
             for i, plan, value in zip(rows, *_new_plans(starts[rows], settings, progress), strict=True):

@@ -6,13 +6,14 @@ import math
 from functools import lru_cache
 
 from ..lumen import LUMENS, Lumen
+from ..lumen.curve import Tract
 from ..physics.guidewire import Guidewire
 from ..physics.magnets import BlockMagnet, CylinderMagnet
 from ..physics.profile import Profile
 from ..quasistatic.rigs import following
-from ..scenario import ActuatedMagnet, Contact, Feed, Rig, Scenario, Slide, Timing, Turn
+from ..scenario import ActuatedMagnet, Coil, Contact, Current, Feed, Rig, Scenario, Slide, Timing, Turn
 
-__all__ = ["arch", "dragged", "following_magnet", "soft_tipped"]
+__all__ = ["arch", "clamped", "dragged", "following_magnet", "in_tree", "soft_tipped"]
 
 
 def soft_tipped(length: float, segments: int, shaft: float, tip: float, soft: float) -> Guidewire:
@@ -75,3 +76,35 @@ def dragged() -> Scenario:
     """
     paper = Scenario.paper()
     return paper.replace(name="paper, dragged", coupling="wrench", model="free", rig=following(paper.tract))
+
+
+@lru_cache(maxsize=1)
+def clamped() -> Scenario:
+    """The paper's wire, clamped along x at the origin, in free space: the lumen about it is so wide that it never touches.
+
+    Three pairs of coils make a uniform field of any direction, up to 25 mT along each axis. With 25 mT across it the tip's
+    couple m B L/(E I) is 1.5: the wire bends into an arc of some 70°. The currents cross their range in a second.
+    """
+    paper = Scenario.paper()
+    space = Tract.from_points([(0.0, 0.0, 0.0), (0.06, 0.0, 0.0), (0.12, 0.0, 0.0)], 0.11)
+    current = Current(-25.0, 25.0, speed=50.0)
+    rig = Rig(coils=tuple(Coil(axis, 1e-3, current=current) for axis in "xyz"), clamped=True)
+    return paper.replace(name="clamped in free space", tract=space, rig=rig, coupling="wrench", model="free")
+
+
+WIRE_IN_TREES = 0.36
+"""m of wire that the feed of `in_tree` has."""
+
+
+def in_tree(lumen: Lumen) -> Scenario:
+    """A generated tree about the origin, and the wire, tip magnet and following magnet of `arch`.
+
+    The wire is 0.36 m long. The magnet's centre is 170 mm above the origin, 125 to 215 mm above the tip: across the way
+    to the tip its field is 53 to 10 mT, along it twice that.
+    """
+    return arch().replace(
+        name=lumen.name,
+        lumen=lumen,
+        wire=soft_tipped(WIRE_IN_TREES, 36, 6e-5, 8e-6, 0.06),
+        rig=Rig((following_magnet(lumen, 0.1, 0.17, 0.1),), feed=Feed(0.04, low=0.05, home=0.07)),
+    )

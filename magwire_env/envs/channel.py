@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..simulation import Simulator
+from ..simulation.model import require
 from . import kernels
 
 if TYPE_CHECKING:
@@ -60,6 +61,8 @@ class Channel:
     numbers : simulator → its numbers
     reader : for numbers that no kernel fills in: simulator → `Reader`
     watches_rig : it needs `Episodes.turned`
+    needs : of `magwire_env.simulation.model.FEATURES`, what the wire model must have; empty for none
+    follows : it needs a task that follows a reference
     """
 
     bound: float
@@ -67,6 +70,15 @@ class Channel:
     numbers: Callable[[Simulator], Sequence[Number]]
     reader: Callable[[Simulator], Reader] | None = None
     watches_rig: bool = False
+    needs: str = ""
+    follows: bool = False
+
+    def check(self, name: str, sim: Simulator, episodes: Episodes) -> None:
+        """Raise `ValueError` if an env with this simulator and task cannot show it."""
+        if self.needs:
+            require(sim.library.scenarios[0], self.needs, f"observe: {name!r}")
+        if self.follows and not episodes.task.kind.follows:
+            raise ValueError(f"observe: {name!r} needs a task that follows a reference, got {episodes.task.id}")
 
 
 def _results(sim: Simulator, row: int, scale: float, quantity: str, count: int = 1) -> Sequence[Number]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -11,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.checks import one_of, positive, whole
+from ..physics.checks import one_of, positive
+from ..progress import Progress
 from ..quasistatic import certificate
 from ..scenario import Scenario
 from ..simulation import Places, Simulator
-from ..simulation.model import model_names, supports
+from ..simulation.model import supports
 from ..simulation.readout import ROW
 from ..simulation.simulator import FARTHEST_SETTING
 from . import kernels
@@ -24,7 +24,9 @@ from .episodes import Episodes
 from .kernels import VALUE
 from .navigation import Navigation
 from .observation import CHANNELS
+from .pools import scenarios_of
 from .rewards import TERMS, RewardTerm, RewardWeights, checked_terms, info_name
+from .shapes import Shapes
 from .shown import Observation, Shown
 from .task import TASKS, Task
 
@@ -69,20 +71,23 @@ class SteeringCore:
     ) -> None:
         self.task = task if isinstance(task, Task) else TASKS[one_of("task", task, tuple(TASKS))]
         self._draws_scenario = self.task.pool is not None and scenario is None
-        scenarios = _scenarios(self.task, scenario, coupling, model, split, pool_size)
+        scenarios = scenarios_of(self.task, scenario, coupling, model, split, pool_size)
         _check_ways(self.task, scenarios)
         if len(scenarios) == 1 and (scenario is not None or coupling is not None):
             _warn_uncertified(self.task, scenarios[0])
-        self.sim = Simulator(
-            scenarios if len(scenarios) > 1 else scenarios[0], num_envs, threads,
-            np.zeros(num_envs, dtype=np.int64) if self._draws_scenario else None,
-        )  # fmt: skip
+        with Progress(f"preparing scenarios, {len(scenarios)} in all"):  # a tree's first use makes its wall: seconds
+            self.sim = Simulator(
+                scenarios if len(scenarios) > 1 else scenarios[0], num_envs, threads,
+                np.zeros(num_envs, dtype=np.int64) if self._draws_scenario else None,
+            )  # fmt: skip
         self.time_limit = positive("time_limit", self.task.time_limit if time_limit is None else time_limit, "s")
         self._fed = self.sim.library.rigs.feed >= 0
         self.step_limit = max(1, round(self.time_limit / self.sim.control_period))
         self.actuation = Actuation(self.sim, self.task.action_mode if action_mode is None else action_mode)
         self.episodes = Episodes(self.sim, self.task, self.step_limit)
         self.navigation = Navigation(self.sim, self.task) if self.task.kind.navigates else None
+        self.shapes = Shapes(self.sim, self.task) if self.task.kind.shapes else None
+        self.episodes.shapes = self.shapes
         seen = self.task.observe if observe is None else observe
         self.shown = Shown(self.sim, self.episodes, seen, self.step_limit, threads)
         self.observer = self.shown.observer
@@ -138,6 +143,8 @@ class SteeringCore:
         magnet = low + drawn[:, kind.draws :] * (high - low)
         held = kind.magnets(sim.library, entries, start.s)
         magnet = magnet if held is None else held
+        if self.shapes:
+            self.shapes.choose(lanes, entries, drawn[:, 0], (options or {}).get("target"))
         if options:
             start, goal, magnet = self._overridden(options, lanes, entries, start, goal, magnet)
         if self.navigation:
@@ -169,6 +176,8 @@ class SteeringCore:
         final : (n,) m, of a task that comes back
         """
         self.sim.lay(lanes, start, magnet, goal)
+        if self.shapes:
+            self.shapes.measure(lanes)
         self.episodes.begin(lanes, reference, final)
         if self.navigation:
             self.navigation.begin(lanes)
@@ -205,6 +214,8 @@ class SteeringCore:
                 f"options must be of {', '.join(kind.takes)} alone in the task {self.task.id}, which fixes the rest"
             )
         magnet = self._magnet_option(options, lanes, magnet)
+        if self.shapes:
+            return start, goal, magnet
         if self.navigation:
             return *self.navigation.overridden(options, lanes, entries, start, goal), magnet
         end = self.sim.library.tract_length[entries]
@@ -256,6 +267,8 @@ class SteeringCore:
         sim.advance()
         if self.navigation:
             self.navigation.moved()
+        if self.shapes:
+            self.shapes.measure()
         if before is not None:
             episodes.turned = self.actuation.turned(before)
         values = np.empty((len(VALUE), episodes.lanes.shape[1]))
@@ -328,8 +341,8 @@ class SteeringCore:
 
     def start_info(self, lane: int | None = None) -> dict[str, Any]:
         """`info` of a reset: the target (m), and what was drawn."""
-        if self.navigation:
-            return {**self.navigation.start_info(lane), **self.drawn(lane)}
+        if told := self.navigation or self.shapes:
+            return {**told.start_info(lane), **self.drawn(lane)}
         return {"target": self.goal if lane is None else self.sim.goal_of(lane), **self.drawn(lane)}
 
     def summary(self, lanes: np.ndarray) -> dict[str, np.ndarray]:
@@ -353,34 +366,10 @@ class SteeringCore:
         return self.shown.read()
 
 
-def _scenarios(
-    task: Task, given: Any, coupling: str | None, model: str | None, split: str, pool_size: int
-) -> list[Scenario]:
-    if given is None and task.pool is not None:
-        from ..quasistatic.pool import scenario_pool
-
-        given = list(scenario_pool(task.pool, split, whole("pool_size", pool_size, 1)))
-    elif given is None:
-        assert task.scenario is not None  # a task has the one or the other
-        given = task.scenario()
-    elif isinstance(given, (str, Path)):
-        given = Scenario.load(given)
-    scenarios = list(given) if isinstance(given, (list, tuple)) else [given]
-    for sc in scenarios:
-        if not isinstance(sc, Scenario):
-            raise ValueError(
-                f"scenario must be a Scenario, a TOML file, a shipped name, or a sequence of scenarios, got {sc!r}"
-            )
-    changes = {name: value for name, value in (("coupling", coupling), ("model", model)) if value is not None}
-    if model is not None:
-        one_of("model", model, model_names())
-    return [dataclasses.replace(sc, **changes) for sc in scenarios] if changes else scenarios
-
-
 def _check_ways(task: Task, scenarios: Sequence[Scenario]) -> None:
     for i, sc in enumerate(scenarios):
-        if sc.rig.feed is not None:
-            continue  # how far it goes is the feed's business
+        if sc.rig.feed is not None or sc.rig.clamped:
+            continue  # how far it goes is the feed's business, or no one's
         first, last = sc.wire.length - task.start_spread, sc.tract.length - task.goal_margin
         if first < 0 or sc.wire.length + task.start_spread >= last - 0.05:
             raise ValueError(

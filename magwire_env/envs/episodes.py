@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..simulation import Places, Simulator
@@ -10,6 +12,9 @@ from . import kernels
 from .kernels import EPISODE
 from .observation import REFERENCE_OFFSETS
 from .task import Task
+
+if TYPE_CHECKING:
+    from .shapes import Shapes
 
 __all__ = ["Episodes"]
 
@@ -20,6 +25,7 @@ class Episodes:
     lanes : (fields, lanes), see `kernels.Episode`
     reference : (n, steps) m, the moving goal of a tracking task at every control step; (n, 0) otherwise
     final : (n,) m, where a task that comes back ends; NaN otherwise
+    shapes : what a task of shapes wants; None in others
     turned : (n, dof), how far the rig moved in the last control period, over what its servos cover in one
     """
 
@@ -31,6 +37,7 @@ class Episodes:
         self.reference = np.zeros((sim.num_envs, step_limit + ahead + 1 if task.kind.follows else 0))
         self.final = np.full(sim.num_envs, np.nan)
         self.turned = np.zeros((sim.num_envs, sim.dof))
+        self.shapes: Shapes | None = None
 
     @property
     def steps(self) -> np.ndarray:

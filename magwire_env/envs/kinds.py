@@ -36,6 +36,7 @@ class Kind:
         within the tolerance for the task's hold; `FOLLOW`, not before the time limit
     draws : how many uniform numbers a beginning is made from
     navigates : the tip must find its way to a branch of a tree, see `magwire_env.envs.navigation`
+    shapes : the whole wire must come into a shape, see `magwire_env.envs.shapes`; the way left is how far off it is
     returns : having passed the goal, the tip must come back to `final`, and pass that place
     ends_far : the episode ends when the tip leaves the tract by its far end, as it does at the inlet
     directions : the ways along the tract a wire may have to go, 1 forwards and −1 backwards
@@ -46,6 +47,7 @@ class Kind:
     rule: ClassVar[int]
     draws: ClassVar[int]
     navigates: ClassVar[bool] = False
+    shapes: ClassVar[bool] = False
     returns: ClassVar[bool] = False
     ends_far: ClassVar[bool] = False
     directions: ClassVar[tuple[int, ...]] = (1,)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..simulation import Places
+from ..words import counted
 
 if TYPE_CHECKING:
     from .vector_env import MagWireVectorEnv
@@ -48,13 +49,15 @@ def load_lanes(env: MagWireVectorEnv, state: dict[str, Any]) -> None:
     """
     core, n = env.core, env.num_envs
     if len(state["generators"]) != n or len(state["began"]) != n:
-        raise ValueError(f"state must be of {n} lanes, got {len(state['generators'])}")
+        raise ValueError(f"state must be of {counted(n, 'lane')}, got {len(state['generators'])}")
     try:
         rngs = [_generator(before) for before in state["began"]]
         lanes = np.arange(n)
         core.begin(lanes, rngs, None)
         core.sim.set_goal(lanes, Places(**state["goals"]))
         core.sim.load_state(dataclasses.replace(core.sim.state(), **state["wires"]))
+        if core.shapes:
+            core.shapes.measure()
         core.episodes.lanes[:, :n] = state["episodes"]
         core.episodes.turned[:] = state["turned"]
         core.action[:] = state["action"]

@@ -18,7 +18,7 @@ from .moment import over
 if TYPE_CHECKING:
     from .task import Task
 
-__all__ = ["Navigate", "Navigation"]
+__all__ = ["Navigate", "Navigation", "Recover", "end_of", "inside", "wrong_branches"]
 
 _MN = 1e3
 """mN of a newton."""
@@ -43,8 +43,7 @@ class Navigate(Kind):
         branch, s = np.zeros(len(entries), dtype=np.int64), np.zeros(len(entries))
         for i, entry in enumerate(entries):
             tree = library.scenarios[entry].tree
-            name = tree.leaves[int(drawn[i, 1] * len(tree.leaves))]
-            branch[i], s[i] = _goal(task, tree, name)
+            branch[i], s[i] = end_of(task, tree, _one_of(tree.leaves, drawn[i, 1]))
         return Places(np.clip(start, *library.reach[entries].T)), Places(s, branch)
 
     def starts(self, task: Task) -> str:
@@ -62,7 +61,52 @@ class Navigate(Kind):
         )
 
 
-def _goal(task: Task, tree: Lumen, name: str) -> tuple[int, float]:
+@dataclass(frozen=True)
+class Recover(Navigate):
+    """Come out of a wrong branch, and bring the tip into the branch that is drawn for every episode, to its end."""
+
+    name: ClassVar[str] = "recover"
+    draws: ClassVar[int] = 3
+
+    def begin(self, task: Task, library: Library, entries: np.ndarray, drawn: np.ndarray) -> tuple[Places, Places]:
+        """As `Kind.begin`: the tip lies inside one of the branches that leave the way to the target."""
+        start, goal = super().begin(task, library, entries, drawn)
+        s, branch = start.s.copy(), np.zeros(len(entries), dtype=np.int64)
+        for i, entry in enumerate(entries):
+            tree = library.scenarios[entry].tree
+            branch[i] = _one_of(wrong_branches(tree, tree.branches[goal.branch[i]].name), drawn[i, 2])
+            s[i] = _SHALLOWEST + drawn[i, 0] * (inside(tree, branch[i]) - _SHALLOWEST)
+        return Places(s, branch), goal
+
+    def starts(self, task: Task) -> str:
+        """As `Kind.starts`."""
+        return (
+            "The target, one of the tree's dead ends, is drawn, and a branch that leaves the way to it. The tip lies "
+            f"{1e3 * _SHALLOWEST:g} to {1e3 * _DEEPEST:g} mm inside that branch, and the wire along the way there. The "
+            "magnet stands over the tip, and its moment points anywhere."
+        )
+
+
+_SHALLOWEST, _DEEPEST = 0.01, 0.03
+"""m inside a wrong branch, between which an episode of `Recover` starts."""
+
+
+def wrong_branches(tree: Lumen, target: str) -> tuple[int, ...]:
+    """Numbers of the branches that leave the way from the inlet to a target."""
+    way = {leg.branch for leg in tree.route("inlet", target).legs}
+    return tuple(i for i, parent in enumerate(tree.parents) if i not in way and parent in way)
+
+
+def inside(tree: Lumen, branch: int) -> float:
+    """How far inside a wrong branch an episode starts at most, m: 30 mm, of a short branch 0.7 of its length."""
+    return min(_DEEPEST, 0.7 * tree.branches[branch].length)
+
+
+def _one_of(names: Sequence[Any], drawn: float) -> Any:
+    return names[int(drawn * len(names))]
+
+
+def end_of(task: Task, tree: Lumen, name: str) -> tuple[int, float]:
     """The number of a target branch, and the arc length on it that a tip must pass."""
     branch = tree.index(name)
     return branch, max(tree.branches[branch].length - task.tolerance, 0.5 * tree.branches[branch].length)
@@ -162,7 +206,7 @@ class Navigation:
                     raise ValueError(
                         f"options['target'] must be one of {', '.join(tree.leaves)}, got {targets[lane]!r}"
                     )
-                goal.branch[i], goal.s[i] = _goal(self._task, tree, targets[lane])
+                goal.branch[i], goal.s[i] = end_of(self._task, tree, targets[lane])
             if starts is not None:
                 start.branch[i], start.s[i] = self._start(starts[lane], tree, library.reach[entry])
         return start, goal

@@ -164,11 +164,11 @@ CHANNELS: dict[str, Channel] = {
     "drive_preview": Channel(
         10, "drive 0, 10, 20, 40, 60, 80 mm ahead of the tip / 10 mN, each followed by its slope by every degree of "
         "freedom, a radian or 0.1 m; the magnets as point dipoles where they now are, coils left out",
-        _drives, _DriveReader,
+        _drives, _DriveReader, needs="quasistatic",
     ),
     "reference_preview": Channel(
         10, "a tracking task's reference now, in 0.5, 1 and 2 s, from the tip / 0.1 m",
-        _reference_numbers, always(_reference),
+        _reference_numbers, always(_reference), follows=True,
     ),
     **ROUTE_CHANNELS,
 }  # fmt: skip
@@ -206,7 +206,7 @@ class Observer:
     alone : there is no image beside the numbers, so there must be some
     numbers : what stands in each column
 
-    Raises `ValueError` for a channel that does not exist, or none at all.
+    Raises `ValueError` for a channel that does not exist or that this env cannot show, or none at all.
     """
 
     def __init__(self, sim: Simulator, episodes: Episodes, names: Sequence[str], alone: bool = True) -> None:
@@ -223,6 +223,7 @@ class Observer:
         numbers: list[Number] = []
         for name in names:
             channel = CHANNELS[name]
+            channel.check(name, sim, episodes)
             own = channel.numbers(sim)
             self._parts[name] = slice(len(numbers), len(numbers) + len(own))
             numbers += own

@@ -13,6 +13,7 @@ from ..scenario import Feed, Scenario, Twist
 from ..scenario.rig import Slide, Turn
 from .env import MagWireEnv
 from .kinds import Kind
+from .pools import TREES, example
 from .rewards import TERMS, info_name
 from .task import TASKS, Task
 
@@ -27,7 +28,10 @@ ABOUT = {
     "Chase": "Steer along a tract never seen before, with a magnet that slides above it and follows the tip.",
     "Hard": "Steer along a tract never seen before, where the best command leaves less than 0.3 mN somewhere.",
     "Navigate": "Bring the tip of a wire that is fed into the aortic arch into the branch drawn for the episode.",
+    "NavigateAny": "Bring the tip of a wire that is fed into a tree never seen before into the branch drawn for it.",
+    "Recover": "Come out of a wrong branch of a tree never seen before, and go into the branch drawn for the episode.",
     "SteerFree": "Drag a free wire by its tip to the end of the paper's tract, with a magnet that follows it.",
+    "Shape": "Bring a clamped wire in free space into a wanted shape, by a uniform field of any direction.",
     "Dual": "Steer along a tract never seen before, with one turning magnet above it and one below.",
 }
 """By a task's name, what it asks."""
@@ -95,7 +99,8 @@ def page(task_id: str) -> str:
     name = task_id.rpartition("/")[2].rpartition("-")[0]
     kind = task.kind
     where = (
-        f"A certified scenario of the pool {task.pool!r}, see `magwire_env.quasistatic.pool`; which one depends on the "
+        f"A certified scenario of the pool {task.pool!r}, see "
+        f"`magwire_env.{'envs.trees' if task.pool == TREES else 'quasistatic.pool'}`; which one depends on the "
         "seed and the episode's number alone. "
         if task.pool
         else ""
@@ -140,6 +145,10 @@ _FED = (
     "The wire is a rod in space that touches the walls with friction, is fed from its base, and is turned by a magnet "
     "outside; see `magwire_env.simulation.free` and `magwire_env.envs.arenas`."
 )
+_CLAMPED = (
+    "The wire is a rod in space, held at its base, that external magnets or coils bend by its magnetic tip; see "
+    "`magwire_env.envs.shapes` and `magwire_env.envs.arenas`."
+)
 _FREE = (
     "The wire is a rod in space that touches the tract's wall with friction; its magnetic tip, pulled and turned by "
     "external magnets, drags it; see `magwire_env.simulation.free`."
@@ -163,11 +172,13 @@ def _wire(kind: Kind, scenario: Scenario) -> str:
     """What moves, and what moves it."""
     if kind.navigates:
         return _FED
+    if kind.shapes:
+        return _CLAMPED
     return _FREE if scenario.model == "free" else _DRAGGED.format(scenario.coupling)
 
 
 def _rig_starts(kind: Kind) -> str:
-    return "" if type(kind).magnets is not Kind.magnets else "The rig stands anywhere in its range. "
+    return "" if kind.navigates or type(kind).magnets is not Kind.magnets else "The rig stands anywhere in its range. "
 
 
 def _filled(text: str) -> str:
@@ -182,10 +193,8 @@ def _example(task: Task) -> Scenario:
     """A scenario with the task's rig."""
     if task.scenario is not None:
         return task.scenario()
-    from ..quasistatic.pool import candidates
-
     assert task.pool is not None
-    return candidates(task.pool, "train", 1)[0]
+    return example(task.pool)
 
 
 def _observation_table(task: Task, scenario: Scenario) -> str:

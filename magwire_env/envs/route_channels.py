@@ -21,6 +21,9 @@ __all__ = ["ROUTE_CHANNELS", "ROUTE_OFFSETS", "SHAPE_OFFSETS", "tip_frame"]
 ROUTE_OFFSETS = (0.0, 0.01, 0.02, 0.04)
 """m ahead of the tip, along the route, at which the route's channels look."""
 
+WIRE_SHARES = (0.25, 0.5, 0.75, 1.0)
+"""Shares of the wire from its clamp to its tip at which `wire_points` and `wanted_points` look."""
+
 SHAPE_OFFSETS = (0.01, 0.02, 0.04)
 """m behind the tip, along the wire, at which `tip_points` looks."""
 
@@ -108,6 +111,25 @@ def _pose(sim: Simulator, episodes: Episodes) -> np.ndarray:
     return np.concatenate([moment, away], axis=1)
 
 
+def _at_shares(nodes: np.ndarray) -> np.ndarray:
+    """Points of wires with nodes (n, nodes, 3) m at `WIRE_SHARES`, from the first node, as the channels show them."""
+    place = np.array(WIRE_SHARES) * (nodes.shape[1] - 1)
+    below = np.minimum(place.astype(np.int64), nodes.shape[1] - 2)
+    share = (place - below)[:, None]
+    points = nodes[:, below] + share * (nodes[:, below + 1] - nodes[:, below]) - nodes[:, :1]
+    return points.reshape(len(nodes), -1) / LENGTH_SCALE
+
+
+def _wire_points(sim: Simulator, episodes: Episodes) -> np.ndarray:
+    return _at_shares(sim.positions)
+
+
+def _wanted_points(sim: Simulator, episodes: Episodes) -> np.ndarray:
+    if episodes.shapes is None:
+        raise ValueError(f"observe must leave out 'wanted_points' in the task {episodes.task.id}, which wants no shape")
+    return _at_shares(episodes.shapes.wanted)
+
+
 _ROUTE_SIZE = 3 * len(ROUTE_OFFSETS)
 
 ROUTE_CHANNELS: dict[str, Channel] = {
@@ -125,6 +147,14 @@ ROUTE_CHANNELS: dict[str, Channel] = {
         10, "points of the wire 10, 20, 40 mm behind the tip, from the tip / 0.1 m",
         _sized(3 * len(SHAPE_OFFSETS), "length"), always(_tip_points),
     ),
+    "wire_points": Channel(
+        10, "the wire a quarter, half, three quarters of the way from its base to its tip, and the tip, from the base / "
+        "0.1 m",
+        _sized(3 * len(WIRE_SHARES), "length"), always(_wire_points),
+    ),
+    "wanted_points": Channel(
+        10, "the same of the wanted shape", _sized(0, free=3 * len(WIRE_SHARES)), always(_wanted_points)
+    ),
     "contact": Channel(
         10, "the wall's normal forces summed over the wire: mean and largest of the last control period / 0.1 N",
         _contact,
@@ -135,7 +165,8 @@ ROUTE_CHANNELS: dict[str, Channel] = {
     ),
     "astray": Channel(10, "way back from a wrong branch to the route / 0.1 m", rows_of(ROW.astray, LENGTH_SCALE, "")),
     "base": Channel(
-        10, "push of the feed / 0.1 N, and the wire inserted / route's length", _sized(0, free=2), always(_base)
+        10, "push of the feed / 0.1 N, and the wire inserted / route's length", _sized(0, free=2), always(_base),
+        needs="base",
     ),
     "magnet_pose": Channel(
         10, "direction of the first magnet's moment (of coils the field at the tip / 10 mT), and its centre from the "

@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium.spaces import Box, Dict, Space
 
 from ..simulation import Simulator
+from ..words import counted
 from .episodes import Episodes
 from .fluoroscope import Fluoroscope
 from .fluoroscopy import split
@@ -18,8 +19,8 @@ from .readings import Readings
 __all__ = ["Observation", "Shown", "of_lane"]
 
 Observation = np.ndarray | dict[str, np.ndarray]
-"""(n, size) float32; with an image {"image": (n, 1, size, size) uint8, "state": (n, size) float32}, where "state" is
-there only if channels are asked for too."""
+"""(n, size) float32; or, with an image, {"image": (n, 1, size, size) uint8, "state": (n, size) float32}, where "state"
+is there only if channels are asked for too."""
 
 
 class Shown:
@@ -56,7 +57,7 @@ class Shown:
     def text(self) -> str:
         """For people: how many numbers of which channels, and the image."""
         names = self.observer.names
-        parts = [f"{self.observer.space.shape[0]} numbers ({', '.join(names)})"] if names else []
+        parts = [f"{counted(self.observer.space.shape[0], 'number')} ({', '.join(names)})"] if names else []
         if self.fluoroscope is not None:
             size = self.fluoroscope.options.size
             parts.insert(0, f"an image of {size} × {size} px")

@@ -13,8 +13,10 @@ from ..quasistatic.certificate import GOAL_MARGIN, START_SPREAD
 from ..scenario import Scenario
 from . import arenas
 from .kinds import KINDS, Kind
-from .navigation import Navigate
+from .navigation import Navigate, Recover
+from .pools import TREES
 from .rewards import RewardWeights
+from .shapes import Shape
 
 __all__ = ["DEFAULT_CHANNELS", "TASKS", "RewardWeights", "Task", "known_task", "register_task"]
 
@@ -28,7 +30,7 @@ class Task:
 
     kind : a `Kind`, or the name of one of `KINDS`
     scenario : makes the default scenario; or
-    pool : the kind of certified scenarios, see `magwire_env.quasistatic.pool`, that every episode draws one from
+    pool : the kind of certified scenarios, see `magwire_env.envs.pools`, that every episode draws one from
     start_spread : m; a steering episode starts with the tip at the wire's length plus or minus this, uniform
     goal_margin : m; no goal lies nearer than this to the end of the tract
     tolerance : m; a target is held within it, and tracking succeeds with an RMS error below it
@@ -126,7 +128,20 @@ TASKS = {
             )
         ),
         Task("MagWire/SteerFree-v0", _STEER, arenas.dragged, action_mode="rate"),
+        Task(
+            "MagWire/Shape-v0",
+            Shape(),
+            arenas.clamped,
+            tolerance=3e-3,
+            time_limit=10.0,
+            observe=("wire_points", "wanted_points", "magnet"),
+            action_mode="rate",
+        ),
         Task("MagWire/Navigate-v0", Navigate(), arenas.arch, time_limit=20.0, observe=_TREE, action_mode="moment"),
+        *(
+            Task(f"MagWire/{name}-v0", kind, pool=TREES, time_limit=12.0, observe=_TREE, action_mode="moment")
+            for name, kind in (("NavigateAny", Navigate()), ("Recover", Recover()))
+        ),
     )
 }
 

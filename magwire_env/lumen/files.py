@@ -237,17 +237,28 @@ def _curve(path: Path, markup: dict[str, Any], unit: str | None) -> Centreline:
         ):
             raise ValueError(f"{path} controlPoints[{i}] must have a position of three numbers, got {position!r}")
         points.append(position)
-    radius = np.empty(0)
-    for m in markup.get("measurements") or []:
-        if isinstance(m, dict) and str(m.get("name")).lower() == "radius" and m.get("controlPointValues"):
-            values = np.asarray(m["controlPointValues"], dtype=np.float64).ravel()
-            if len(values) != len(control):
-                raise ValueError(
-                    f"{path} measurement Radius must hold {len(control)} values, one a control point, got {len(values)}"
-                )
-            radius = values[placed] * _scale(path, "its measurement Radius", _code(m.get("units")), unit, "")
+    values, code = _measured_radius(path, markup, len(control))
+    radius = values[placed] * _scale(path, "its measurement Radius", code, unit, "") if len(values) else values
     xyz = scale * np.array(points, dtype=np.float64).reshape(-1, 3)
     return _checked(path, xyz * (-1, -1, 1) if system == "RAS" else xyz, radius, closed=markup["type"] == "ClosedCurve")
+
+
+def _measured_radius(path: Path, markup: dict[str, Any], count: int) -> tuple[np.ndarray, str | None]:
+    """The values (count,) of a curve's measurement Radius and their unit; no values if it has none."""
+    measurements = markup.get("measurements") or []
+    if not isinstance(measurements, list):
+        raise ValueError(f"{path} measurements must be a list, got {measurements!r:.60}")
+    for m in measurements:
+        if isinstance(m, dict) and str(m.get("name")).lower() == "radius" and m.get("controlPointValues"):
+            values = m["controlPointValues"]
+            if not isinstance(values, list) or not all(isinstance(v, (int, float)) for v in values):
+                raise ValueError(f"{path} measurement Radius must hold a list of numbers, got {values!r:.60}")
+            if len(values) != count:
+                raise ValueError(
+                    f"{path} measurement Radius must hold {count} values, one a control point, got {len(values)}"
+                )
+            return np.array(values, dtype=np.float64), _code(m.get("units"))
+    return np.empty(0), None
 
 
 def _code(units: Any) -> str | None:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial import KDTree
 
+from ..words import counted
 from .tree_files import TreeLine
 
 __all__ = ["one_tree", "tidied"]
@@ -62,7 +63,7 @@ def one_tree(path: str, lines: list[TreeLine], inlet: str | np.ndarray | None, n
             loops.append((rest.name or f"b{len(grown)}", rest.points[-1]))
         _add(grown, rest, parent)
     if doubled:
-        notes.append(f"{len(doubled)} lines run along others and are dropped: {', '.join(map(str, doubled[:6]))}")
+        notes.append(f"dropped, as along others: {counted(len(doubled), 'line')}, {', '.join(map(str, doubled[:6]))}")
     for name, place in loops:
         notes.append(
             f"line {name!r} ends in another one at ({place[0]:.6g}, {place[1]:.6g}, {place[2]:.6g}): a loop, which "

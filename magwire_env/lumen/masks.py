@@ -6,6 +6,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.sparse import coo_matrix
 
+from ..words import counted
 from .extra import anatomy_library
 from .mending import RawSurface
 from .volume_files import Volume
@@ -139,8 +140,8 @@ def _one_piece(path: str, inside: np.ndarray, volume: Volume, notes: list[str], 
     large = np.flatnonzero(sizes >= _SPECK * sizes.max()) + 1
     if count > len(large):
         notes.append(
-            f"{count - len(large)} small separate pieces, {int(sizes.sum() - sizes[large - 1].sum())} voxels, are "
-            "dropped"
+            f"dropped: {counted(count - len(large), 'small separate piece')}, "
+            f"{counted(int(sizes.sum() - sizes[large - 1].sum()), 'voxel')}"
         )
     if len(large) > 1:
         found = ndimage.find_objects(label)

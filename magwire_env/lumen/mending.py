@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from ..words import counted
 from .crossings import crossing_faces
 from .surface import Surface, boundary_loops, edge_uses, pieces
 
@@ -124,9 +125,9 @@ def _welded(told: _Told, raw: RawSurface) -> tuple[np.ndarray, np.ndarray]:
     doubled = len(faces) - len(kept)
     faces = faces[np.sort(kept)]
     if doubled:
-        told.notes.append(f"{doubled} doubled faces are dropped")
+        told.notes.append(f"dropped: {counted(doubled, 'doubled face')}")
     if flat.sum():
-        told.notes.append(f"{int(flat.sum())} faces without an area are dropped")
+        told.notes.append(f"dropped: {counted(int(flat.sum()), 'face')} without an area")
     return vertices, faces
 
 
@@ -144,7 +145,7 @@ def _one_piece(
     specks = count - len(large)
     if specks:
         where = corners[np.isin(label, large, invert=True)][0].mean(axis=0)
-        told.notes.append(f"{specks} small separate pieces are dropped, the first at {_at(where)}")
+        told.notes.append(f"dropped: {counted(specks, 'small separate piece')}, the first at {_at(where)}")
     if len(large) > 1 and not invert:
         middles = [corners[label == k].reshape(-1, 3) for k in large]
         for i, inner in zip(large, middles, strict=True):
@@ -221,7 +222,7 @@ def _turned_alike(told: _Told, vertices: np.ndarray, faces: np.ndarray) -> np.nd
                 elif flip[g] != wanted:
                     raise told.refuse(f"cannot be oriented: it is one-sided at {_at(vertices[faces[g]].mean(axis=0))}")
     turned_faces = min(int(flip.sum()), int((1 - flip).sum()))
-    told.notes.append(f"{turned_faces} faces pointed the other way than their neighbours: they are turned")
+    told.notes.append(f"turned: {counted(turned_faces, 'face')} that pointed the other way than the neighbours")
     return np.where(flip[:, None] == 1, faces[:, ::-1], faces)
 
 

@@ -39,6 +39,8 @@ class TreeBounds:
     margin : m, from wall to wall of branches that do not meet, at least
     box : m along x, y, z; the centrelines stay inside a box of this size
     narrowest : m, least radius at a stenosis
+    length : (least, most) of a tree's branches, in radii of their own; None: what the kind has, 9 to 22 of "vessels",
+        5.2 to 7 of "bronchi"
     """
 
     leaves: tuple[int, int] = (3, 15)
@@ -47,6 +49,7 @@ class TreeBounds:
     margin: float = 1e-3
     box: tuple[float, float, float] = (0.3, 0.3, 0.2)
     narrowest: float = 0.6e-3
+    length: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         low, high = (whole(f"TreeBounds.leaves[{i}]", v, 1) for i, v in enumerate(self.leaves))
@@ -62,6 +65,11 @@ class TreeBounds:
             raise ValueError(
                 f"TreeBounds.leaves and radius must be (least, most), got {self.leaves} and {self.radius} m"
             )
+        if self.length is not None:
+            least, most = (positive(f"TreeBounds.length[{i}]", v, "radii") for i, v in enumerate(self.length))
+            object.__setattr__(self, "length", (least, most))
+            if not 3.0 <= least <= most:
+                raise ValueError(f"TreeBounds.length must be (least, most) of at least 3 radii, got {self.length}")
         if self.bend < 1.5:
             raise ValueError(f"TreeBounds.bend must be at least 1.5 radii, got {self.bend:g}")
 
@@ -132,6 +140,8 @@ def grow(seed: int, split: str = "train", kind: str = "vessels", bounds: TreeBou
     if kind == "bowel":
         return _bowel(draw, int(seed), split, name)
     style = replace(_STYLES[kind], **(_ODD[kind] if split == "ood" else {}))  # type: ignore[arg-type]
+    if bounds.length is not None:
+        style = replace(style, length=bounds.length)
     for _ in range(_TREES):
         tree = _Tree(draw, style, bounds)
         if tree.grown() and (lumen := tree.lumen(name)) is not None:

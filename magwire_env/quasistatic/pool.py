@@ -34,6 +34,7 @@ from ..lumen.generator import SPLITS, Bounds, generate
 from ..physics.checks import one_of, whole
 from ..progress import Progress
 from ..scenario import Rig, Scenario
+from ..words import counted
 from .certificate import Certificate, certify
 from .held import crossed_by_holding
 from .kept_pools import name_of, read_pool, write_pool
@@ -122,7 +123,7 @@ def build_pool(kind: str, split: str = "train", size: int = 100, seed: int = 0) 
     scenarios: list[Scenario] = []
     certificates: list[Certificate] = []
     first = certified = 0
-    with Progress(f"certifying {size} scenarios of {kind}, split {split}", size) as progress:
+    with Progress(f"certifying {counted(size, 'scenario')} of {kind}, split {split}", size) as progress:
         while True:
             batch = candidates(kind, split, _TOGETHER, seed, first)
             every = certify(batch, time_limit=RECIPES[kind].time_limit)
@@ -138,7 +139,8 @@ def build_pool(kind: str, split: str = "train", size: int = 100, seed: int = 0) 
             first += _TOGETHER
             if first > _MOST_TRIES * size + 1000:
                 raise ValueError(
-                    f"kind {kind!r} in split {split!r} gave {len(scenarios)} of {size} scenarios in {first} tries"
+                    f"kind {kind!r} in split {split!r} gave {len(scenarios)} of {counted(size, 'scenario')} "
+                    f"in {first} tries"
                 )
 
 

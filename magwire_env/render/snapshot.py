@@ -43,7 +43,7 @@ class Snapshot:
     time : s since the episode's start
     tip_arclength, goal : m from the inlet, along the tract or, of a tree, along the branches
     target, target_way, target_radius : the goal's point (3,) m, the direction of the way there, the lumen's radius, m
-    route : (j, 3) m, of a tree the way from the inlet to the goal along centrelines; of a tract none
+    route : (j, 3) m, of a tree the way from the inlet to the goal along centrelines; of a tract none; a wanted shape
     nodes : (k, 3) m, tail to tip; what a feed has not pushed out lies straight behind the inlet, a little of it
     contact : (k, 3) N, what the wall exerts on each node; of a wire whose contact forces are not known all zero
     load : (k,) N, the force on the wall each node is shaded by: of its contact, or the tip's throughout
@@ -96,16 +96,27 @@ def snapshots(core: SteeringCore, lanes: Sequence[int] | None = None) -> list[Sn
         load = np.full(len(nodes), wall[i]) if touches is None else np.linalg.norm(contact, axis=1)
         branch = scenario.tree.branches[goals.branch[i]]
         goal = float(goals.s[i])
+        marked = (
+            branch.curve.position(goal), branch.curve.tangent(goal), float(branch.radius(goal)),
+            _route(scenario, branch.name, goal),
+        )  # fmt: skip
+        if core.shapes:
+            marked = _of_shape(core.shapes.wanted[i], scenario.wire.radius)
         out.append(
             Snapshot(
-                scenario, float(sim.time[i]), float(arclength[i]), _way_to(scenario, branch.name, goal),
-                branch.curve.position(goal), branch.curve.tangent(goal), float(branch.radius(goal)),
-                _route(scenario, branch.name, goal), nodes, contact,
+                scenario, float(sim.time[i]), float(arclength[i]), _way_to(scenario, branch.name, goal), *marked,
+                nodes, contact,
                 load, tip[i], tangent[i] / np.linalg.norm(tangent[i]), force[i],
                 float(drive[i]), float(lateral[i]), float(wall[i]), magnet[i], centres[i],
             )
         )  # fmt: skip
     return out
+
+
+def _of_shape(wanted: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
+    """A wanted shape, nodes (k, 3) m, as a route with its mark at the end."""
+    end = wanted[-1] - wanted[-2]
+    return wanted[-1], end / np.linalg.norm(end), 2.0 * radius, wanted.copy()
 
 
 @lru_cache(maxsize=64)
@@ -200,4 +211,5 @@ def force_scale(scenario: Scenario) -> float:
     for coil in scenario.rig.coils:
         current = max(abs(coil.current.low), abs(coil.current.high))
         sizes.append(current * moment * (abs(coil.gradient) + abs(coil.uniform) * bend))
-    return max(sizes)
+    # A uniform field pulls at no straight wire: its couple, borne over the wire's length.
+    return max(sizes) or max(25e-3 * moment / scenario.wire.length, 1e-6)

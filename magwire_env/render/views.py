@@ -100,6 +100,8 @@ class Views:
 
     def _lumen(self, surface: Any, view: View, rect: Any) -> None:
         """The tube as ribbons from far to near, drawn four times as large and scaled down, which smooths its edges."""
+        if self.scenario.rig.clamped:
+            return  # a wire in free space
         pygame, big = self.brush.pygame, 4
         layer = self.brush.surface((rect.width * big, rect.height * big), paint.PANEL)
         near, far = np.array(paint.LUMEN_NEAR), np.array(paint.LUMEN_FAR)

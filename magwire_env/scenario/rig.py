@@ -171,12 +171,14 @@ class Rig:
     """What is actuated: external magnets and coils, at least one of either, and a free wire's base.
 
     feed, twist : how the base is pushed and turned; without a feed the base is free, and the wire is dragged by its tip
+    clamped : the base of a free wire is held at the inlet, pointing into the lumen, and all of the wire stands out
     """
 
     magnets: tuple[ActuatedMagnet, ...] = ()
     coils: tuple[Coil, ...] = ()
     feed: Feed | None = None
     twist: Twist | None = None
+    clamped: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "magnets", tuple(self.magnets))
@@ -188,6 +190,8 @@ class Rig:
                 raise ValueError(f"Rig.{name} must be a {kind.__name__} or None, got {getattr(self, name)!r}")
         if self.twist and not self.feed:
             raise ValueError("Rig.feed must be given with Rig.twist: a free base cannot be turned, got None")
+        if not isinstance(self.clamped, bool) or (self.clamped and self.feed):
+            raise ValueError(f"Rig.clamped must be True or False, and False with a Rig.feed, got {self.clamped!r}")
 
     def moved(self, position: tuple[float, float, float], magnet: int = 0) -> Rig:
         """The rig with one magnet's centre at `position` (m); the scenario takes a cloud anew for its new distance."""

@@ -44,7 +44,8 @@ class Library:
     wire_length, tract_length : (entries,) m
     start_length : (entries,) m, where the tip of a wire stands that lies just inside the inlet: the wire's length, or
         what its feed has inserted
-    reach : (entries, 2) m, how far from the inlet a feed can bring a tip; −∞ and ∞ of a wire that is dragged
+    reach : (entries, 2) m, how far from the inlet a feed can bring a tip; −∞ and ∞ of a wire that is dragged, its length
+        of one that is clamped
     too_long_step : (entries,), the integration step is too long for the wire, see `Scenario.step_too_long`
 
     Raises `ValueError` if the scenarios differ in timing, wire model or the kinds of their degrees of freedom.
@@ -77,13 +78,17 @@ class Library:
             [sc.wire.length if sc.rig.feed is None else sc.rig.feed.home for sc in self.scenarios], dtype=np.float64
         )
         feeds = [sc.rig.feed for sc in self.scenarios]
-        self.reach = np.array([(-np.inf, np.inf) if f is None else (f.low, f.high) for f in feeds], dtype=np.float64)
+        reach = [(-np.inf, np.inf) if f is None else (f.low, f.high) for f in feeds]
+        clamps = [(sc.wire.length,) * 2 if sc.rig.clamped else None for sc in self.scenarios]
+        self.reach = np.array([c or r for c, r in zip(clamps, reach, strict=True)], dtype=np.float64)
 
 
 def _check_model(sc: Scenario) -> None:
     """Raise `ValueError` if the scenario holds what its wire model knows nothing of."""
     if sc.rig.base:
         require(sc, "base", "Scenario.rig.feed")
+    if sc.rig.clamped:
+        require(sc, "base", "Scenario.rig.clamped")
     if sc.wire.profiled:
         require(sc, "profiles", f"Scenario.wire.{sc.wire.profiled[0]}")
     if sc.lumen is not None and (len(sc.lumen.branches) > 1 or sc.lumen.wall is not None):

@@ -133,8 +133,9 @@ class Simulator(Observed):
             raise ValueError(f"scenarios must be one number for each of the {len(lanes)} lanes, got {scenarios.shape}")
         if scenarios.size and (scenarios.min() < 0 or scenarios.max() >= len(self.library.scenarios)):
             raise ValueError(f"scenarios must lie in [0, {len(self.library.scenarios) - 1}], got {scenarios.tolist()}")
-        self.rig.take(lanes, scenarios)
-        self.model.take(lanes, scenarios)
+        with self._lock:
+            self.rig.take(lanes, scenarios)
+            self.model.take(lanes, scenarios)
 
     def vary(
         self,
@@ -156,8 +157,9 @@ class Simulator(Observed):
         for name, factor in factors.items():
             if factor.size and not (factor.min() >= 0.0 and factor.max() <= 1e3):
                 raise ValueError(f"{name} must lie in [0, 1000], got {factor.min():g} to {factor.max():g}")
-        self.rig.vary(lanes, factors.pop("remanence"), shifts)
-        self.model.vary(lanes, factors)
+        with self._lock:
+            self.rig.vary(lanes, factors.pop("remanence"), shifts)
+            self.model.vary(lanes, factors)
 
     # --- moving it --------------------------------------------------------------------------------------------------
 
@@ -201,8 +203,10 @@ class Simulator(Observed):
         Feed and twist of a wire's base stay as they are: the wire would have to be another one.
         """
         lanes = np.arange(self.num_envs) if lanes is None else self._checked_lanes(lanes)
-        self.rig.place(lanes, self._setting(magnet, len(lanes)))
-        self.model.refresh(lanes)
+        magnet = self._setting(magnet, len(lanes))
+        with self._lock:
+            self.rig.place(lanes, magnet)
+            self.model.refresh(lanes)
 
     def set_goal(self, lanes: np.ndarray, places: Places | np.ndarray) -> None:
         """From now on `remaining` counts the way of `lanes` (n,) to `places`; the readout follows with the next step.
@@ -216,8 +220,9 @@ class Simulator(Observed):
         self._aim(lanes, places)
 
     def _aim(self, lanes: np.ndarray, places: Places) -> None:
-        self._goal[0][lanes], self._goal[1][lanes] = places.branch, places.s
-        self.model.set_goal(lanes, places)
+        with self._lock:
+            self._goal[0][lanes], self._goal[1][lanes] = places.branch, places.s
+            self.model.set_goal(lanes, places)
 
     def goals(self, lanes: np.ndarray | None = None) -> Places:
         """The goals of `lanes` (all by default)."""
@@ -234,10 +239,12 @@ class Simulator(Observed):
         command : (num_envs, dof), rad for turns and m for slides; the servos move there at their limited speeds
 
         Raises `ValueError`, before anything moves, for a command of another shape or that is not finite. Ctrl-C in
-        a step takes effect at its end.
+        a step takes effect at its end. Calls from several threads take turns.
         """
-        self.command[:] = self._checked(command, self.num_envs, "command").T
-        self.advance()
+        command = self._checked(command, self.num_envs, "command").T
+        with self._lock:
+            self.command[:] = command
+            self.advance()
 
     def advance(self) -> None:
         """`step` under what stands in `command`, unchecked: for callers that write it there themselves."""
@@ -252,13 +259,15 @@ class Simulator(Observed):
 
     def refresh(self, lanes: np.ndarray) -> None:
         """Bring the readout of `lanes` (n,) up to date with their state, goals and parameters."""
-        self.model.refresh(self._checked_lanes(lanes))
+        with self._lock:
+            self.model.refresh(self._checked_lanes(lanes))
 
     def state(self, lanes: np.ndarray | None = None) -> SimulatorState:
         """A copy of the state of `lanes` (all by default)."""
         lanes = np.arange(self.num_envs) if lanes is None else self._checked_lanes(lanes)
-        rig = self.rig.q[:, lanes].T.copy()
-        return SimulatorState(self.model.read(lanes), rig, self.time[lanes], lanes, self.model.columns)
+        with self._lock:
+            rig = self.rig.q[:, lanes].T.copy()
+            return SimulatorState(self.model.read(lanes), rig, self.time[lanes], lanes, self.model.columns)
 
     def load_state(self, state: SimulatorState) -> None:
         """Put a copied state back into the lanes it came from. Raises `ValueError`, before anything is changed, for a

@@ -62,10 +62,15 @@ class SimulatorState:
         return self.part("velocities")
 
     def replaced(self, magnet: np.ndarray | None = None, **parts: np.ndarray) -> SimulatorState:
-        """A copy with another rig, or with other numbers in the columns of these names."""
+        """A copy with another rig, or with other numbers in the columns of these names: (n, k) as `part` gives them, or
+        what broadcasts to that. Raises `ValueError` for another shape or name."""
         wire = self.wire.copy()
         for name, value in parts.items():
-            self.part(name)
+            column = self.part(name)
+            try:
+                np.broadcast_to(value, column.shape)
+            except ValueError:
+                raise ValueError(f"{name} must have shape {column.shape}, got {np.shape(value)}") from None
             wire[:, self.columns[name]] = value
         return dataclasses.replace(self, wire=wire, magnet=self.magnet if magnet is None else np.asarray(magnet))
 

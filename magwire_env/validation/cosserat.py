@@ -23,6 +23,7 @@ import numpy as np
 from ..simulation.free.layout import HELD
 from ..simulation.free.tubes import Tube
 from ..simulation.free.wires import FreeWires, Pieces
+from ..words import counted
 from .free.contact import Line
 
 __all__ = ["FreeRodSolver"]
@@ -102,7 +103,7 @@ class FreeRodSolver:
                 wires.step()
                 failed = int(wires.lane("FAILED").sum())
                 if failed:
-                    raise Diverged(f"{failed} steps did not converge", time=(frame * between + k) * step)
+                    raise Diverged(f"{counted(failed, 'step')} did not converge", time=(frame * between + k) * step)
             positions.append(wires.positions.copy())
             directors.append(wires.directors.copy())
         _check_beside(scenario, np.stack(positions))

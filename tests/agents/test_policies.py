@@ -210,7 +210,7 @@ def test_a_trained_policy_of_another_task_names_both(run):
     ):
         with pytest.raises(SystemExit, match=words):
             magwire(["evaluate", str(run[0]), "--task", task, "--episodes", "1", "--no-par"])
-    with pytest.raises(SystemExit, match=r"to give 1 numbers \(action_mode 'angle'\).*\(action_mode 'rate'\)"):
+    with pytest.raises(SystemExit, match=r"to give 1 number \(action_mode 'angle'\).*\(action_mode 'rate'\)"):
         magwire(["evaluate", str(run[0]), "--episodes", "1", "--no-par", "--env-kwargs", "action_mode=rate"])
     magwire(["evaluate", str(run[0]), "--task", "MagWire/Reach-v0", "--episodes", "1", "--no-par"])  # the same spaces
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import gymnasium as gym
 import numpy as np
 import pytest
 
 import magwire_env  # noqa: F401  (registers the ids)
 from magwire_env import Scenario
+from magwire_env.envs.observation import CHANNELS
 from magwire_env.scenario import Coil, Rig
 
 ID = "MagWire/Steer-v0"
@@ -62,6 +65,31 @@ def test_bad_arguments(settings, words):
     for make in (lambda: gym.make(ID, **settings), lambda: gym.make_vec(ID, num_envs=2, **settings)):
         with pytest.raises((ValueError, TypeError), match=words):
             make()
+
+
+COILS = Scenario.paper().replace(rig=Rig((), (Coil("x"), Coil("y"))))
+
+
+@pytest.mark.parametrize(
+    ("task", "settings", "refused"),
+    [
+        ("Steer-v1", {}, {"base", "reference_preview"}),
+        ("Track-v1", {}, {"base"}),
+        ("Steer-v0", {"model": "free"}, {"drive_preview", "reference_preview"}),
+        ("Steer-v0", {"scenario": COILS}, {"base", "reference_preview", "magnet_preview"}),
+    ],
+)
+def test_a_channel_that_an_env_cannot_show_is_refused_when_it_is_made(task, settings, refused):
+    """And those that it can show are shown."""
+    for name in CHANNELS:
+        for make in (gym.make, partial(gym.make_vec, num_envs=2)):
+            if name in refused:
+                with pytest.raises(ValueError, match=f"observe.*{name}.*(needs|shows none)"):
+                    make(f"MagWire/{task}", observe=("tip_speed", name)[name == "magnet_preview" :], **settings)
+                continue
+            env = make(f"MagWire/{task}", observe=("tip_speed", name)[: 1 + (name != "tip_speed")], **settings)
+            env.reset(seed=0)
+            assert env.observation_space.contains(env.step(env.action_space.sample())[0])
 
 
 def test_a_scenario_that_does_not_exist_names_the_shipped_ones():

@@ -89,3 +89,16 @@ def test_the_bounds_checked_build_checks_loads_stores_and_gathers():
 def test_the_page_has_the_ranges_as_they_are():
     text = DOC.read_text(encoding="utf-8")
     assert text.partition("<!-- ranges:begin -->\n")[2].partition("\n<!-- ranges:end -->")[0] == ranges.table()
+
+
+def test_every_failure_on_the_page_names_tests_that_exist():
+    table = (
+        DOC.read_text(encoding="utf-8").partition("<!-- failures:begin -->\n")[2].partition("<!-- failures:end -->")[0]
+    )
+    rows = [line.strip("| ").split(" | ") for line in table.splitlines()[2:]]
+    assert {what.split()[0].rstrip("abcdefghi") for what, _ in rows} == {f"F{n}" for n in range(1, 13)}
+    for what, tests in rows:
+        named = re.findall(r"`([\w/]+\.py)::(test_\w+)`", tests)
+        assert named, what
+        for file, test in named:
+            assert f"def {test}(" in (DOC.parents[1] / "tests" / file).read_text(encoding="utf-8"), test

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import struct
+import tracemalloc
+import zlib
+
 import numpy as np
 import pytest
 
@@ -15,6 +19,19 @@ EIGHT = 60 * np.stack([np.sin(a := np.linspace(0.3, 6.4, 300)), np.sin(2 * a) / 
 TEXT = csv_text(XYZ)
 GOOD_VTP = Vtp().file([XYZ], [RADIUS])
 ASCII_VTP = Vtp("ascii", compressed=False).file([XYZ], [RADIUS])
+
+DATA = zlib.compress(b"\0" * 200_000_000)
+BOMB = (
+    b'<VTKFile type="PolyData" byte_order="LittleEndian" compressor="vtkZLibDataCompressor"><PolyData>'
+    b'<Piece NumberOfPoints="1"><Points><DataArray type="Float64" NumberOfComponents="3" format="appended" offset="0"/>'
+    b'</Points></Piece></PolyData><AppendedData encoding="raw">_'
+    + struct.pack("<4I", 1, 24, 0, len(DATA)) + DATA + b"</AppendedData></VTKFile>"
+)  # fmt: skip
+
+
+def measured(values):
+    return {"measurements": [{"name": "Radius", "enabled": True, "units": "mm", "controlPointValues": values}]}
+
 
 # What the file holds, the words (a regular expression) of its refusal, and the arguments if not the usual ones.
 CSV = {
@@ -48,6 +65,16 @@ CSV = {
     "there and back": (csv_text(np.vstack([XYZ, XYZ[-2::-1]])), r"a kink of 1[78]\d° at"),
     "smooth two points": ("x_mm,y_mm,z_mm\n1,2,3\n9,2,3\n", "smooth needs at least 4 points", {"smooth": 1e-3}),
     "negative smooth": (TEXT, r"smooth must be at least 0 \(in m\)", {"smooth": -1e-3}),
+    "a line of 1000 km": (
+        "x [m],y [m],z [m]\n0,0,0\n1e6,0,0\n",
+        "a line of at most 100 m, got 1e.06 m: is its unit right",
+    ),
+    "a hair's lumen": (
+        "x [m],y [m],z [m],radius [m]\n0,0,0,1e-12\n1,0,0,1e-12\n",
+        "a lumen of at least 1e-05 m radius for its 1 m, got 1e-12 m",
+    ),
+    "a field without end": (TEXT.replace("\n", f"\n{'1' * 200_000},0,0\n", 1), "field larger than field limit"),
+    "a number of 400 digits": (TEXT.replace("\n", f"\n{'9' * 400},0,0\n", 1), r"points\[0\] must be finite"),
     "no spacing": (TEXT, r"spacing must be greater than 0 \(in m\)", {"spacing": 0.0}),
 }
 
@@ -76,6 +103,15 @@ VTK = {
     "damaged zlib": (GOOD_VTP.replace(b"eJ", b"eK", 3), "cannot be read, its binary data are damaged"),
     "damaged ascii": (ASCII_VTP.replace(b">60.0 ", b">sixty "), "Points cannot be read, its ascii data"),
     "odd coordinates": (ASCII_VTP.replace(b">60.0 ", b">"), "Points must hold three numbers a point, got 359"),
+    "300 in eight bits": (
+        ASCII_VTP.replace(b'Int64" Name="connectivity', b'Int8" Name="connectivity').replace(b" 100 ", b" 300 "),
+        "connectivity cannot be read, its ascii data are damaged or cut off.*300 out of bounds for int8",
+    ),
+    "connectivity of fractions": (
+        ASCII_VTP.replace(b'Int64" Name="connectivity', b'Float32" Name="connectivity'),
+        "Lines must hold whole numbers, got float32",
+    ),
+    "a bomb": (BOMB, "Points cannot be read.*24 bytes announced, more found"),
     "odd header": (GOOD_VTP.replace(b"UInt32", b"UInt16"), "header_type UInt32 or UInt64, got .*'UInt16'"),
     "offset outside": (
         Vtp("appended").file([XYZ]).replace(b'offset="0"', b'offset="99999"'),
@@ -104,6 +140,14 @@ SLICER = {
     ),
     "two curves": (markups(curve(XYZ), curve(XYZ)), "holds 2 lines; choose one with line=0 to 1"),
     "radii missing": (markups(curve(XYZ, RADIUS[:9])), "Radius must hold 120 values, one a control point, got 9"),
+    "measurements are a number": (markups(curve(XYZ) | {"measurements": 5}), "measurements must be a list, got 5"),
+    "radii are words": (
+        markups(curve(XYZ) | measured(["wide"] * 120)),
+        r"Radius must hold a list of numbers, got \['w",
+    ),
+    "a radius is a dict": (markups(curve(XYZ) | measured([{}] * 120)), r"Radius must hold a list of numbers, got \[{}"),
+    "radii are a dict": (markups(curve(XYZ) | measured({"a": 1})), "Radius must hold a list of numbers, got {'a': 1}"),
+    "100 000 brackets": ('{"markups": ' + "[" * 100_000, "cannot be read as centrelines: .*recursion"),
     "small ring": (markups(curve(XYZ[:3], kind="ClosedCurve")), "at least 4 different points, got 3"),
 }
 
@@ -120,8 +164,13 @@ def test_malformed_files_are_refused_with_words_to_act_on(tmp_path, case):
     name, what = case
     (content, words, *more), arguments = MALFORMED[case]
     path = write(tmp_path, name, content)
-    with pytest.raises(ValueError, match=words) as refused:
-        Tract.load(path, **(more[0] if more else arguments))
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match=words) as refused:
+            Tract.load(path, **(more[0] if more else arguments))
+        assert tracemalloc.get_traced_memory()[1] < 100e6
+    finally:
+        tracemalloc.stop()
     # The file is named, unless it is the argument that is wrong.
     assert name in str(refused.value) or what in ("no such unit", "negative smooth", "no spacing")
 

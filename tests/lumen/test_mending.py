@@ -56,15 +56,15 @@ def test_inward_normals_are_turned_and_said():
     assert surface.volume > 0
     mixed = faces.copy()
     mixed[::7] = mixed[::7, ::-1]
-    assert "faces pointed the other way than their neighbours: they are turned" in told(vertices, mixed)[2]
+    assert "faces that pointed the other way than the neighbours" in told(vertices, mixed)[2]
 
 
 def test_doubled_and_flat_faces_are_dropped_and_said():
     vertices, faces = open_fork()
     more = np.concatenate([faces, faces[:5], [[3, 3, 9]]])
     notes = told(vertices, more)[2]
-    assert "5 doubled faces are dropped" in notes
-    assert "1 faces without an area are dropped" in notes
+    assert "dropped: 5 doubled faces" in notes
+    assert "dropped: 1 face without an area" in notes
 
 
 def test_several_pieces_are_refused_unless_one_is_meant():
@@ -75,7 +75,7 @@ def test_several_pieces_are_refused_unless_one_is_meant():
     assert "the one nearest to the inlet is taken" in notes
     assert surface.bounds[0][1] == pytest.approx(26.0, abs=0.1)
     speck = joined(tube(), tube(radius=0.2, length=1.0, shift=(0, 30, 0)))
-    assert "1 small separate pieces are dropped, the first at (" in told(*speck)[2]
+    assert "dropped: 1 small separate piece, the first at (" in told(*speck)[2]
 
 
 def test_a_surface_that_crosses_itself_is_refused_with_the_place():

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 
 import numpy as np
 import pytest
 
-from magwire_env.lumen import straight
+from magwire_env.lumen import Tract, straight
 from magwire_env.quasistatic import certificate
 from magwire_env.quasistatic.pool import candidates
 from magwire_env.scenario import ActuatedMagnet, Coil, Contact, Current, Rig, Scenario, Turn, above
@@ -116,3 +117,15 @@ def test_a_coil_pulls_a_wire_along_its_gradient_and_its_certificate_says_how_far
     assert found.margin == pytest.approx(np.full(len(found.margin), moment * gradient), rel=1e-6)
     assert found.commands[:, 0] == pytest.approx(np.full(len(found.margin), 10.0))
     assert not certificate(sc.replace(rig=Rig(coils=(helmholtz,)))).solvable
+
+
+def test_a_long_tract_takes_no_more_than_its_length():
+    """Of 80 m, which once took 40 s: the time grew with the square of the length."""
+    along = np.linspace(0, 80, 2000)
+    tract = Tract.from_points(np.stack([along, 0.02 * np.sin(6 * along), 0 * along], axis=1), radius=7.5e-3)
+    certificate(PAPER)  # compiles
+    began = time.process_time()
+    found = certificate(PAPER.replace(tract=tract))
+    assert time.process_time() - began < 10.0
+    assert len(found.arclengths) > 10_000
+    assert not found.solvable

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import http.client
+import os
+import subprocess
+import sys
 import threading
 import time
 import urllib.request
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -226,6 +230,35 @@ def test_a_message_that_is_too_long_ends_its_own_connection_alone(page):
             socket.send(b"x" * 200_000)
             until(lambda: socket.close_code is not None or _closed(socket))
         other.ping().wait(10)
+
+
+VISITS = """
+import sys
+from websockets.sync.client import connect
+for number in range(int(sys.argv[3])):
+    socket = connect(sys.argv[1], subprotocols=[sys.argv[2]], max_size=None)
+    socket.recv(timeout=30)
+    socket.socket.shutdown(2) if number % 2 else socket.close()  # every second one is cut off
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_visitors_who_leave_take_all_of_theirs_along(page):
+    def visited(times: int) -> tuple[int, int]:
+        """Open files, and MB of memory, after so many visits from another process."""
+        address = f"ws://127.0.0.1:{page.server.get_port()}/{page.guard.token}"
+        visitor = subprocess.Popen([sys.executable, "-c", VISITS, address, PROTOCOL, str(times)])
+        while visitor.poll() is None:
+            page.update(0.02)
+        assert visitor.returncode == 0
+        until(lambda: not page.server.get_clients())
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        return len(list(Path("/proc/self/fd").iterdir())), pages * os.sysconf("SC_PAGE_SIZE") // 10**6
+
+    files, memory = visited(20)
+    more_files, more_memory = visited(60)
+    assert more_files <= files + 2
+    assert more_memory < memory + 20  # once 0.6 MB a visitor stayed
 
 
 def _closed(socket) -> bool:

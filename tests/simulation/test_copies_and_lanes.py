@@ -2,7 +2,9 @@
 
 import copy
 import pickle
+import sys
 import threading
+import time
 
 import gymnasium as gym
 import numpy as np
@@ -101,6 +103,22 @@ def test_numbers_that_are_none_are_refused_before_anything_is_changed(change):
     assert sim.state() == before
 
 
+@pytest.mark.parametrize("value", [np.zeros(5), np.zeros((3, 17)), np.zeros((2, 17, 1))])
+def test_numbers_of_another_shape_are_refused(value):
+    state = Simulator(PAPER, num_envs=2).state()
+    with pytest.raises(ValueError, match=r"velocities must have shape \(2, 17\), got"):
+        state.replaced(velocities=value)
+
+
+@pytest.mark.parametrize("other", [PAPER.replace(wire__segments=8), PAPER.replace(model="free")])
+def test_the_state_of_another_wire_is_refused(other):
+    sim = Simulator(PAPER, num_envs=2)
+    before = sim.state()
+    with pytest.raises(ValueError, match="state must be of this simulator, with wire of shape"):
+        sim.load_state(Simulator(other, num_envs=2).state())
+    assert sim.state() == before
+
+
 def test_a_wire_that_diverges_is_named_and_not_hidden_in_an_observation():
     env = gym.make("MagWire/Steer-v0")
     env.reset(seed=0)
@@ -110,6 +128,16 @@ def test_a_wire_that_diverges_is_named_and_not_hidden_in_an_observation():
         env.step(np.float32([0.0]))
 
 
+@pytest.fixture
+def restless():
+    """Threads are switched all the time, as they are on a busy machine now and then."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+@pytest.mark.usefixtures("restless")
 def test_rollouts_side_by_side_are_right():
     sim = Simulator(PAPER, num_envs=8)
     sim.reset(tip_arclength=np.linspace(0.2, 0.5, 8))
@@ -128,6 +156,40 @@ def test_rollouts_side_by_side_are_right():
     for thread in threads:
         thread.join()
     assert all(np.array_equal(got, expected[i]) for i in range(6) for got in found[i])
+
+
+@pytest.mark.usefixtures("restless")
+def test_threads_that_step_one_simulator_take_turns():
+    """Without turns, wires move through half a step of each, and under the other thread's command."""
+    sim, alone = (Simulator(PAPER, num_envs=64) for _ in range(2))
+    for one in (sim, alone):
+        one.reset(tip_arclength=np.linspace(0.2, 0.5, 64))
+    commands = [np.full((64, 1), angle) for angle in (2.5, 4.5)]
+    seen: list[tuple[int, float]] = []
+    moved = sim.model.step
+
+    def noted() -> None:
+        told = sim.command[0].copy()
+        time.sleep(1e-4)  # the other thread would write its command now
+        moved()
+        seen.append((int(told[0] > 3), float(np.ptp(np.append(told, sim.command[0])))))
+
+    sim.model.step = noted
+
+    def work(number: int) -> None:
+        for _ in range(100):
+            sim.step(commands[number])
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [number for number, _ in seen].count(0) == 100
+    assert not any(spread for _, spread in seen)
+    for number, _ in seen:
+        alone.step(commands[number])
+    assert sim.state() == alone.state()
 
 
 @pytest.mark.parametrize("plans", [np.empty((0, 3, 1)), np.empty((2, 0, 1))])

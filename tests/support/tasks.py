@@ -36,6 +36,12 @@ def environment(names: tuple[str, ...], attempt: int = 0) -> dict[str, str | Non
     return {name: os.environ.get(name) for name in names}
 
 
+def stays(folder: str, attempt: int = 0) -> None:
+    """Leaves the number of its process in a folder, and stays for a minute."""
+    (Path(folder) / str(os.getpid())).touch()
+    time.sleep(60.0)
+
+
 def slow(seconds: float, attempt: int = 0) -> None:
     """Takes its time."""
     time.sleep(seconds)

@@ -97,6 +97,9 @@ class FreeLibrary:
         known = ~np.isnan(self.walls.fields)
         self.par[known] = self.walls.fields[known]
         self.wire = np.array([wire_rows(pieces_of(sc), self.nodes) for sc in scenarios])
+        held = np.flatnonzero([sc.rig.clamped for sc in scenarios])
+        for hold in (at.HOLD_X, at.HOLD_Y, at.HOLD_Z):
+            self.wire[held, self.first_node[held], hold // LANES] = at.HELD
         self.length = np.array([sc.wire.length for sc in scenarios])
         feeds = [sc.rig.feed for sc in scenarios]
         self.fed = np.array([f is not None for f in feeds])
@@ -134,7 +137,7 @@ def _parameters(sc: Scenario, steps: int) -> np.ndarray:
         "MOVE_TOLERANCE": _MOVE_TOLERANCE * wire.segment_length,
         "BASE_X": inlet[0], "BASE_Y": inlet[1], "BASE_Z": inlet[2],
         "BASE_TX": along[0], "BASE_TY": along[1], "BASE_TZ": along[2], "TIP_TX": 1.0,
-        "BASE_CLAMPED": float(feed is not None), "FED": float(feed is not None),
+        "BASE_CLAMPED": float(feed is not None or sc.rig.clamped), "FED": float(feed is not None),
         "FEED_SPEED": feed.speed if feed else 0.0, "FEED_FORCE": feed.force if feed else 1.0,
         "FEED_STIFFNESS": _FEED_STIFFNESS, "TWIST_SPEED": sc.rig.twist.speed if sc.rig.twist else 0.0,
     }  # fmt: skip

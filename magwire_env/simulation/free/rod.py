@@ -285,10 +285,12 @@ def evaluate(
             base_torque = select3(begins, plus(bend, -twist_torque, u), base_torque)
 
         # --- the feed ---
-        above = fed & (first <= 1.0 * (i - 1)) & (first >= 1.0 * (i - 1))
+        second = (first <= 1.0 * (i - 1)) & (first >= 1.0 * (i - 1))  # a is the base
+        if anywhere(second):
+            base_force = select3(second, add(base_force, da), base_force)
+        above = fed & second
         if anywhere(above):  # a stands for the cell, half of the joint's span
             by = -0.5 * inv_span
-            base_force = select3(above, add(base_force, da), base_force)
             da = select3(above, (by * joint + 0.5 * curl_energy, zero, zero), da)
             haa = (where(above, 2.0 * by * by * joint, haa[0]), where(above, 0.0, haa[1]), where(above, 0.0, haa[2]),
                    haa[3], haa[4], haa[5])  # fmt: skip

@@ -22,7 +22,7 @@ def test_what_is_missing_is_named(data):
     assert "evaluate Steer sac seed 0" in data["missing"]
     assert not any("NetForce" in name for name in data["missing"])
     page = markdown(data)
-    assert f"**Missing**: {len(data['missing'])} cells" in page
+    assert f"**Missing** from this report: {len(data['missing'])} cells, " in page
     assert "| sac *(trained, 0 of 2 seeds)* | missing |" in page
     assert "Not applicable: NetForce (it does not like it)." in page
 

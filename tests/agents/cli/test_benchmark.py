@@ -12,10 +12,10 @@ def test_the_command_lists_makes_and_goes_on(tmp_path, capsys):
     magwire([*arguments, "--dry-run"])
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "missing   evaluate Steer MaxForce"
-    assert said[1].startswith("1 cells are missing: about ")
+    assert said[1].startswith("1 cell missing: about ")
     assert not any(tmp_path.iterdir())
     magwire([*arguments, "--workers", "1"])
-    assert "1 cells to make, 0 finished" in capsys.readouterr().out
+    assert "1 cell to make, 0 finished" in capsys.readouterr().out
     written = (tmp_path / "evaluate" / "Steer-MaxForce.json").stat().st_mtime_ns
     magwire([*arguments, "--workers", "1"])
     assert "0 cells to make, 1 finished" in capsys.readouterr().out

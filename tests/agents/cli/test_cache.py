@@ -46,14 +46,14 @@ def test_the_cache_is_shown_and_cleared(tmp_path, monkeypatch, capsys):
 def test_a_dry_run_says_how_long_it_will_take(tmp_path):
     plan = small(STEER, episodes=2)
     cells = plan.cells()
-    assert "cells are missing: about" in estimate(plan, cells, tmp_path, 2)
+    assert "cells missing: about" in estimate(plan, cells, tmp_path, 2)
     assert "partly from earlier measurements" in estimate(plan, cells, tmp_path, 2)
     assert estimate(plan, [], tmp_path, 2) == "all cells are finished"
     cell = Cell("evaluate", "Steer", "MaxForce")
     cell.file(tmp_path).parent.mkdir(parents=True)
     cell.file(tmp_path).write_text(json.dumps({"settings": plan.settings(cell), "seconds": 400.0}))
     other = Cell("evaluate", "Steer", "NetForce")
-    assert estimate(plan, [other], tmp_path, 1) == "1 cells are missing: about 7 min with 1 workers (measured here)"
+    assert estimate(plan, [other], tmp_path, 1) == "1 cell missing: about 7 min with 1 worker (measured here)"
 
 
 def test_a_report_with_more_cells_is_kept(tmp_path):
@@ -61,7 +61,7 @@ def test_a_report_with_more_cells_is_kept(tmp_path):
     (tmp_path / "benchmark.json").write_text(json.dumps({"missing": ["a"]}))
     assert less_than_kept({"missing": ["a"]}, tmp_path) == ""
     assert less_than_kept({"missing": []}, tmp_path) == ""
-    assert less_than_kept({"missing": ["a", "b"]}, tmp_path) == "1 cells of its report are missing here, such as 'b'"
+    assert less_than_kept({"missing": ["a", "b"]}, tmp_path) == "1 cell of its report missing here, such as 'b'"
 
 
 def test_no_two_policies_share_a_colour():

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
 from agents.engines import LocalEngine, Lost, Task, engine, run
 from agents.engines.engine import ENVIRONMENT
 from agents.engines.shared import Shared, is_url
+from tests.fuzz.kills import session_of
 from tests.support.tasks import always_dies, dies_once, environment, fails, slow, square
+
+ROOT = Path(__file__).parents[3]
 
 
 def test_results_failures_and_lost_workers(tmp_path):
@@ -53,6 +60,45 @@ def test_an_interrupt_ends_the_workers():
         run(LocalEngine(2), [Task(f"slow {i}", slow, (60.0,)) for i in range(4)], ended, progress=False)
     assert time.monotonic() - began < 25.0
     assert set(multiprocessing.active_children()) <= before
+
+
+AT_WORK = """
+import sys
+from agents.engines import LocalEngine, Task, run
+from tests.support.tasks import stays
+
+if __name__ == "__main__":
+    run(LocalEngine(2), [Task(f"stays {i}", stays, (sys.argv[1],)) for i in range(2)], progress=False)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+@pytest.mark.parametrize("kind", [signal.SIGKILL, signal.SIGTERM])
+def test_workers_end_with_the_process_that_started_them(kind, tmp_path):
+    """However it ended: a benchmark that is begun again must not find the old one's workers at its cells."""
+    program, at_work = tmp_path / "at_work.py", tmp_path / "at_work"
+    program.write_text(AT_WORK)
+    at_work.mkdir()
+    paths = os.pathsep.join([str(ROOT), *sys.path])
+    parent = subprocess.Popen(
+        [sys.executable, program, at_work], env=os.environ | {"PYTHONPATH": paths}, start_new_session=True
+    )
+    try:
+        until = time.monotonic() + 60
+        while len(list(at_work.iterdir())) < 2:
+            assert time.monotonic() < until
+            time.sleep(0.1)
+        parent.send_signal(kind)
+        parent.wait(30)
+        until = time.monotonic() + 20
+        while session_of(parent) and time.monotonic() < until:
+            time.sleep(0.1)
+        assert not session_of(parent)
+    finally:
+        for number in (parent.pid, *session_of(parent)):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(number, signal.SIGKILL)
+        parent.wait(30)
 
 
 def test_no_worker_is_refused():

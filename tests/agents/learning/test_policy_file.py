@@ -218,7 +218,7 @@ def test_a_truncated_or_missing_file_is_named(folder, name):
         ({"frames": 10**9}, "must take 7000000000 numbers"),
         ({"frames": -1}, "frames must be at least 1, got -1"),
         ({"frames": True}, "frames must be a whole number, got True"),
-        ({"layers": []}, "layers must end in the 1 numbers of an action"),
+        ({"layers": []}, "layers must end in 1 number, as an action has"),
         (
             {"layers": [{"shape": [7, 64], "activation": "__import__('os').system('x')", "parameters": []}]},
             "activation",
