@@ -76,4 +76,4 @@ def shown(env: Any) -> str:
     core = getattr(getattr(env, "unwrapped", env), "core", None)
     if core is None:
         return str(env)
-    return f"{core.task.id} ({core.shown.text})"
+    return f"{core.task.id}, which shows {core.shown.text},"

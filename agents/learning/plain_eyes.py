@@ -116,7 +116,7 @@ class SeeingPolicy(PlainPolicy):
     @property
     def sees(self) -> str:
         image = "an image of {1} × {2} px".format(*self.image)
-        return f"{image}; {super().sees}" if self.size else image
+        return f"{image} and {super().sees}" if self.size else image
 
     @property
     def form(self) -> dict[str, tuple[int, ...]]:

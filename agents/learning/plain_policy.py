@@ -166,7 +166,7 @@ class PlainPolicy:
     @property
     def sees(self) -> str:
         """For people: what one observation of the env holds."""
-        return f"{counted(self.size, 'number')}: {', '.join(self.about.channels)}"
+        return f"{counted(self.size, 'number')} ({', '.join(self.about.channels)})"
 
     @property
     def env_settings(self) -> dict[str, Any]:

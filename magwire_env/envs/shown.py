@@ -57,11 +57,11 @@ class Shown:
     def text(self) -> str:
         """For people: how many numbers of which channels, and the image."""
         names = self.observer.names
-        parts = [f"{counted(self.observer.space.shape[0], 'number')}: {', '.join(names)}"] if names else []
+        parts = [f"{counted(self.observer.space.shape[0], 'number')} ({', '.join(names)})"] if names else []
         if self.fluoroscope is not None:
             size = self.fluoroscope.options.size
             parts.insert(0, f"an image of {size} × {size} px")
-        return "; ".join(parts)
+        return " and ".join(parts)
 
     def begin(self, lanes: np.ndarray, rngs: Sequence[np.random.Generator]) -> None:
         """Draw what the episodes that begin in `lanes` (n,) need, each from its own generator."""

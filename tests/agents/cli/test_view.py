@@ -31,6 +31,6 @@ def test_policies_are_offered_and_refused_where_they_do_not_fit(run):
     assert "MaxForce" in _policies((), False)
     give = _policies((str(folder),), False)[str(folder)]
     other = gym.make(ID, observe=("tip_arclength",))
-    with pytest.raises(ValueError, match=r"to see 7 numbers \(tip_arclength, .*shows 1 here \(tip_arclength\)$"):
+    with pytest.raises(ValueError, match=r"to see 7 numbers \(tip_arclength, .*shows 1 number \(tip_arclength\)$"):
         give(other)
     assert give(gym.make(ID)).predict(gym.make(ID).reset(seed=0)[0])[0].shape == (1,)

@@ -136,13 +136,13 @@ def test_a_replay_buffer_with_images_goes_on_too(tmp_path, monkeypatch):
 def test_a_policy_says_where_it_does_not_fit():
     _, policy = trained(steps=64)
     with pytest.raises(
-        ValueError, match=r"to see an image of 40 × 40 px; 3 numbers: tip_speed, magnet, but .* shows 7"
+        ValueError, match=r"to see an image of 40 × 40 px and 3 numbers \(tip_speed, magnet\), but .* shows 7"
     ):
         evaluate(policy, ID, 1)
-    with pytest.raises(ValueError, match="shows an image of 84 × 84 px; 3 numbers"):
+    with pytest.raises(ValueError, match="shows an image of 84 × 84 px and 3 numbers"):
         evaluate(policy, ID, 1, observe=("fluoroscopy", "tip_speed", "magnet"))
     blind = untrained(gym.make(ID))
-    with pytest.raises(ValueError, match=r"to see 7 numbers: .* shows an image of 84 × 84 px$"):
+    with pytest.raises(ValueError, match=r"to see 7 numbers .* shows an image of 84 × 84 px$"):
         evaluate(blind, ID, 1, observe="fluoroscopy")
     for wrong in (
         np.zeros(3),
