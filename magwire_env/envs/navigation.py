@@ -23,6 +23,9 @@ __all__ = ["Navigate", "Navigation", "Recover", "end_of", "inside", "wrong_branc
 _MN = 1e3
 """mN of a newton."""
 
+_BEFORE = 5e-3
+"""m before the end of the trunk, beyond which no tip starts: an end of the trunk may be the middle of a fork."""
+
 _BACK = 5
 """Control periods on the route after which leaving it counts as another wrong entry."""
 
@@ -39,18 +42,24 @@ class Navigate(Kind):
 
     def begin(self, task: Task, library: Library, entries: np.ndarray, drawn: np.ndarray) -> tuple[Places, Places]:
         """As `Kind.begin`: a dead end of each tree is the target, and the wire is inserted a little way."""
-        start = library.start_length[entries] + task.start_spread * (2 * drawn[:, 0] - 1)
+        home, (low, high) = library.start_length[entries], library.reach[entries].T
+        start = home + task.start_spread * (2 * drawn[:, 0] - 1)
+        fork = library.tract_length[entries] - _BEFORE  # of a tree, the trunk's length
+        least = np.maximum(home - task.start_spread, low)
+        short = fork < home + task.start_spread
+        start = np.where(short, least + drawn[:, 0] * np.maximum(fork - least, 0.0), start)
         branch, s = np.zeros(len(entries), dtype=np.int64), np.zeros(len(entries))
         for i, entry in enumerate(entries):
             tree = library.scenarios[entry].tree
             branch[i], s[i] = end_of(task, tree, _one_of(tree.leaves, drawn[i, 1]))
-        return Places(np.clip(start, *library.reach[entries].T)), Places(s, branch)
+        return Places(np.clip(start, low, high)), Places(s, branch)
 
     def starts(self, task: Task) -> str:
         """As `Kind.starts`."""
         return (
-            f"The feed's home ± {1e3 * task.start_spread:g} mm of wire are inserted. The target, one of the tree's "
-            "dead ends, is drawn; the magnet stands over the tip, and its moment points anywhere."
+            f"The feed's home ± {1e3 * task.start_spread:g} mm of wire are inserted, in a short trunk no more than it "
+            "holds. The target, one of the tree's dead ends, is drawn; the magnet stands over the tip, and its moment "
+            "points anywhere."
         )
 
     def ends(self, task: Task) -> str:

@@ -139,6 +139,18 @@ def test_recover_starts_inside_a_wrong_branch_of_the_way(tree):
     assert not after["wrong_entries"].any()
 
 
+def test_an_episode_starts_inside_however_short_the_trunk():
+    pool = trees.tree_pool("test", 3)
+    assert min(sc.tree.trunk.length for sc in pool) < 0.07  # where a tip would start beyond the fork
+    env = gym.make_vec(ANY, num_envs=24, scenario=[pool[i % 3] for i in range(24)])
+    env.reset(seed=1)
+    sim = env.unwrapped.simulator
+    tips = sim.tip_position
+    assert min(float(pool[i % 3].tree.wall_distance(tips[i : i + 1])[0]) for i in range(24)) > 2e-3
+    assert sim.inserted_length.min() >= 0.05 - 1e-9
+    assert np.ptp(sim.inserted_length) > 0.02
+
+
 def test_an_episode_starts_less_deep_in_a_short_branch():
     lumen = forked()
     assert inside(lumen, 1) == 0.03
