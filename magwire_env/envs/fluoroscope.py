@@ -39,6 +39,8 @@ _THICKER = 0.6
 _RING = 1.0 / 28
 """Radius of the target's ring over the image's side."""
 
+_NO_SHAPE = np.zeros((0, 0, 3))
+
 _FINE, _DEPTHS = 2, 256
 """Cells along a pixel and cells in depth in which the lumen's thickness is counted."""
 
@@ -88,7 +90,10 @@ class Fluoroscope:
             for e in np.unique(entry[~self._known[entry]]):
                 self._still[e] = roadmap(sim.library.scenarios[e].tree, options)
                 self._known[e] = True
-        if options.target:
+        shapes, wanted = self._episodes.shapes, _NO_SHAPE
+        if options.target and shapes is not None:
+            wanted = shapes.wanted
+        elif options.target:
             self._follow_goals(entry)
         out = np.empty((sim.num_envs, *self.space.shape), dtype=np.uint8)
         nodes, steps = np.ascontiguousarray(sim.positions), self._episodes.steps
@@ -96,7 +101,7 @@ class Fluoroscope:
         def run(lanes: np.ndarray, image: np.ndarray) -> None:
             kernels.draw(
                 lanes, nodes, entry, self._ways, self._sizes, self._left, self._still, self._goals,
-                _RING * options.size, options.noise, self._keys, steps, image, out,
+                _RING * options.size, wanted, options.noise, self._keys, steps, image, out,
             )  # fmt: skip
 
         share_out(run, np.arange(sim.num_envs), self._benches, self._threads)

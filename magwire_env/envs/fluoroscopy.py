@@ -47,7 +47,7 @@ class Fluoroscopy:
     lumen : show the lumen, filled with contrast medium (a roadmap)
     noise : standard deviation of the quantum noise where nothing absorbs, as a share of the brightness there; 0 to 0.5.
         It falls with the root of the brightness, as that of a number of photons does
-    target : mark the goal with a white ring
+    target : mark the goal with a white ring, or draw the wanted shape as a white line
     field : m, side of the square that is seen, about the anatomy's middle; by default as much as holds all of it
 
     Parallel projection: no magnification, and the patient does not move. Frozen and equal by value.

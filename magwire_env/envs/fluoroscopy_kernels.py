@@ -117,6 +117,27 @@ def ring_on(column, row, radius, image):
 
 
 @kernel
+def shape_on(nodes, way, still, image):
+    """Draw a white line through `nodes` (k, 3) m; way as in `wire_on`."""
+    size, reach = image.shape[0], 1.0
+    for k in range(nodes.shape[0] - 1):
+        px, py, qx, qy = 0.0, 0.0, 0.0, 0.0
+        for axis in range(3):
+            px, qx = px + way[0, axis] * nodes[k, axis], qx + way[0, axis] * nodes[k + 1, axis]
+            py, qy = py + way[1, axis] * nodes[k, axis], qy + way[1, axis] * nodes[k + 1, axis]
+        px, qx, py, qy = px + way[0, 3], qx + way[0, 3], py + way[1, 3], qy + way[1, 3]
+        wx, wy = qx - px, qy - py
+        scale = 1.0 / max(wx * wx + wy * wy, 1e-12)
+        for i in range(max(0, int(min(py, qy) - reach)), min(size, int(max(py, qy) + reach) + 1)):
+            for j in range(max(0, int(min(px, qx) - reach)), min(size, int(max(px, qx) + reach) + 1)):
+                x, y = j + 0.5 - px, i + 0.5 - py
+                share = min(max((x * wx + y * wy) * scale, 0.0), 1.0)
+                dx, dy = x - share * wx, y - share * wy
+                covered = min(max(reach - math.sqrt(dx * dx + dy * dy), 0.0), 1.0)
+                image[i, j] = max(image[i, j], still[i, j] + covered * (_WHITE - still[i, j]))
+
+
+@kernel
 def mixed(x):
     """A 32-bit number whose every bit depends on all bits of `x` (the finaliser of MurmurHash3)."""
     x = np.uint32(x)
@@ -150,13 +171,14 @@ def develop(image, noise, first, second, out):
 
 
 @kernel
-def draw(lanes, nodes, entry, ways, sizes, left, still, goals, ring, noise, keys, steps, image, out):
+def draw(lanes, nodes, entry, ways, sizes, left, still, goals, ring, wanted, noise, keys, steps, image, out):
     """Draw the images of `lanes` (m,), each into its own of `out` (n, 1, size, size).
 
     nodes : (n, k, 3) m
     entry : (n,) which row of ways (entries, 2, 4), sizes (entries, 3) and still (entries, size, size) a lane has
     goals : (n, 2) px, column and row of the targets; NaN for none
     ring : px, radius of the target's ring
+    wanted : (n, nodes, 3) m, shapes that are wanted; (0, 0, 3) for none
     keys, steps : (n, 2) of 32 bits and (n,), of the episode and within it, which fix the noise
     image : (size, size) float32, to work on
     """
@@ -165,6 +187,8 @@ def draw(lanes, nodes, entry, ways, sizes, left, still, goals, ring, noise, keys
         image[:] = still[e]
         if not math.isnan(goals[lane, 0]):
             ring_on(goals[lane, 0], goals[lane, 1], ring, image)
+        if wanted.shape[0] > 0:
+            shape_on(wanted[lane], ways[e], still[e], image)
         wire_on(nodes[lane], ways[e], sizes[e], left, still[e], image)
         first = mixed(keys[lane, 0] + steps[lane] * 0x9E3779B9)
         develop(image, noise, first, mixed(keys[lane, 1] ^ first), out[lane, 0])

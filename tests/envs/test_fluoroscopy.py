@@ -182,6 +182,23 @@ def test_the_target_is_ringed_where_it_is_and_the_ring_can_be_left_out():
     assert (back.unwrapped.core.observe()["image"][0] != first).sum() > 20
 
 
+def test_a_wanted_shape_is_a_white_line():
+    shown = [
+        gym.make("MagWire/Shape-v0", observe={"lumen": False, "field": 0.25, "target": target})
+        for target in (True, False)
+    ]
+    (with_line, told), (without, _) = (env.reset(seed=1) for env in shown)
+    image, plain = with_line["image"][0].astype(int), without["image"][0].astype(int)
+    assert plain.max() == BRIGHT  # no ring either: the goal is no place
+    places = seen_by(shown[0]).place(told["target"])
+    i, j = np.nonzero(image != plain)
+    places = np.concatenate([places[:-1] + share * np.diff(places, axis=0) for share in np.linspace(0, 1, 20)])
+    away = np.hypot(j[:, None] + 0.5 - places[:, 0], i[:, None] + 0.5 - places[:, 1]).min(axis=1)
+    assert len(i) > 30
+    assert away.max() < 1.1
+    assert image.max() > 245
+
+
 def test_noise_is_the_seed_s_own_and_as_strong_as_asked_for():
     env, clear = made(NAVIGATE, noise=0.04), made(NAVIGATE)
     action = np.array([0, 0, 0, 0], dtype=np.float32)
