@@ -80,21 +80,25 @@ def test_a_run_plays_back_in_the_single_env(tree):
     assert ends == [False] * (len(ends) - 1) + [True]
 
 
-def test_splits_share_no_tree_and_ood_has_more_and_narrower_branches():
-    pools = {split: trees.tree_pool(split, 6) for split in ("train", "test", "ood")}
-    pools["chosen on"] = trees.tree_pool("train", 6, 1)
-    every = [sc.tree for pool in pools.values() for sc in pool]
+def test_splits_share_no_tree():
+    pools = [trees.tree_pool("train", 4), trees.tree_pool("test", 4), trees.tree_pool("train", 4, 1)]
+    every = [sc.tree for pool in pools for sc in pool]
     assert len(set(every)) == len(every)
-    leaves = {name: [len(sc.tree.leaves) for sc in pool] for name, pool in pools.items()}
-    assert max(*leaves["train"], *leaves["test"]) <= 5 <= min(leaves["ood"])
-    narrowest = {name: [sc.tree.narrowest[0] for sc in pool] for name, pool in pools.items()}
-    assert np.mean(narrowest["ood"]) < min(narrowest["test"])
+    assert {len(tree.leaves) for tree in every} <= {3, 4, 5}
+
+
+def test_candidates_out_of_distribution_have_more_and_narrower_branches():
+    drawn = {split: [trees.candidate(split, k) for k in range(4)] for split in ("test", "ood")}
+    found = {split: [sc.tree for sc in scenarios if sc is not None] for split, scenarios in drawn.items()}
+    assert max(len(tree.leaves) for tree in found["test"]) <= 5 <= min(len(tree.leaves) for tree in found["ood"])
+    narrowest = {split: np.mean([tree.narrowest[0] for tree in each]) for split, each in found.items()}
+    assert narrowest["ood"] < 0.9 * narrowest["test"]
 
 
 def test_a_pool_begins_like_a_larger_one_and_comes_round_again():
     assert trees.tree_pool("test", 2) == trees.tree_pool("test", 3)[:2]
-    count = len(trees.load()["ood-0"].numbers)
-    pool = scenario_pool(TREES, "ood", count + 2)
+    count = len(trees.load()["train-1"].numbers)
+    pool = scenario_pool(TREES, "train", count + 2, 1)
     assert pool[count:] == pool[:2]
     assert len(set(pool)) == count
 
