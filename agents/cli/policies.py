@@ -34,8 +34,7 @@ class Policies:
     episodes: int = 200
     """With collect: episodes of the test."""
     par: bool = True
-    """With collect: score against Optimal on the same starts, where the wire has a par; plans that are not kept yet take
-    minutes."""
+    """With collect: score against Optimal on the same starts, where the wire has a par; new plans take minutes."""
 
 
 def policies(options: Policies) -> None:

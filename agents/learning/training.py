@@ -26,6 +26,7 @@ from ..evaluation.episodes import EVALUATION_SEED
 from ..evaluation.evaluator import evaluate
 from ..notes import note
 from .export import about_model, plain, save_all
+from .imitation import imitate
 from .plain_policy import PlainPolicy
 from .policy_file import read
 from .resuming import put_back, taken
@@ -67,6 +68,7 @@ def _begun(run: Run) -> tuple[BaseAlgorithm, Progress]:
     settings = dict(run.settings)
     n_envs, total = settings.pop("n_envs"), settings.pop("n_timesteps")
     settings.pop("env", None)
+    lesson = settings.pop("imitate", None)
     frames, env = settings.pop("frame_stack", 1), run.env_settings | settings.pop("training_env", {})
     try:
         venv = make_vec_env(run.task, n_envs, seed=run.config["seed"], frame_stack=frames, **env)
@@ -87,6 +89,9 @@ def _begun(run: Run) -> tuple[BaseAlgorithm, Progress]:
         model = progress.model = _of_an_earlier_version(run, venv)
     elif run.resume:
         note(f"{run.folder} was stopped before its first checkpoint, and begins again")
+    if lesson is not None and not model.num_timesteps:
+        error = imitate(model, **lesson)
+        note(f"imitated {lesson['teacher']} for {lesson['steps']} steps: root mean square error {error:.2f}")
     model.set_logger(configure(str(run.folder / "tensorboard"), ["tensorboard"]))
     progress.watch()
     return model, progress

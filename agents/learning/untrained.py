@@ -14,7 +14,7 @@ from .scenario_copy import text_for
 
 __all__ = ["untrained"]
 
-_NOT_OF_THE_MODEL = ("n_envs", "n_timesteps", "env", "training_env", "frame_stack")
+_NOT_OF_THE_MODEL = ("n_envs", "n_timesteps", "env", "training_env", "frame_stack", "imitate")
 
 
 def untrained(env: gym.Env | gym.vector.VectorEnv, algorithm: str = "ppo", seed: int = 0) -> PlainPolicy:

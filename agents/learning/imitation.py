@@ -1,0 +1,121 @@
+"""Imitation as a warm start: before PPO explores by itself, its policy learns what a controller would do.
+
+In rounds, as DAgger does (Ross, Gordon and Bagnell 2011): the policy acts, the controller says what it would have done
+in each of the states that were met, and the policy learns that from all rounds so far. In the first round the
+controller acts. Then the critic learns what the policy's own last round was worth, so that PPO does not begin with
+advantages that mean nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from stable_baselines3.common.vec_env import VecNormalize
+from torch.nn.functional import mse_loss
+
+from magwire_env.physics.checks import whole
+
+from ..catalogue import CONTROLLERS
+from .sb3 import NativeVecEnv
+
+__all__ = ["imitate"]
+
+_ROUNDS = 4
+_EPOCHS = 8
+_BATCH = 512
+_RATE = 1e-3
+
+
+def imitate(model: OnPolicyAlgorithm, teacher: str, steps: int) -> float:
+    """Teach `model` what a controller does, in `steps` env steps altogether; returns the remaining error.
+
+    teacher : a name of `agents.catalogue.CONTROLLERS`
+    steps : at least one a lane and round
+
+    The error is the root mean square difference of the actions in the last round, before it is learnt from. The model's
+    normalisation learns the observations' ranges on the way. Raises `ValueError` for an algorithm or observation that
+    cannot be taught so.
+    """
+    venv = model.env
+    if not isinstance(model, OnPolicyAlgorithm) or not isinstance(venv, VecNormalize):
+        raise ValueError(f"imitate must teach ppo under running normalisation, got {type(model).__name__}")
+    if not isinstance(venv.venv, NativeVecEnv):
+        raise ValueError("imitate must teach a policy that sees single frames, got frame_stack above 1")
+    if teacher not in CONTROLLERS:
+        raise ValueError(f"imitate.teacher must be one of {', '.join(CONTROLLERS)}, got {teacher!r}")
+    length = whole("imitate.steps", steps, _ROUNDS * venv.num_envs) // (_ROUNDS * venv.num_envs)
+    guide, seen, told = CONTROLLERS[teacher].from_env(venv.venv.env), [], []
+    error, worth = 0.0, None
+    for number in range(_ROUNDS):
+        observations, own, wanted, rewards, ends = _round(model, venv, guide, length, teacher_acts=number == 0)
+        error = float(np.sqrt(np.mean((np.clip(own, -1.0, 1.0) - wanted) ** 2)))
+        seen.append(observations)
+        told.append(wanted)
+        _learn_actions(model, venv.normalize_obs(np.concatenate(seen)), np.concatenate(told))
+        worth = observations, rewards, ends
+    assert worth is not None
+    _learn_values(model, venv, length, *worth)
+    return error
+
+
+def _round(
+    model: OnPolicyAlgorithm, venv: VecNormalize, guide: Any, length: int, teacher_acts: bool
+) -> tuple[np.ndarray, ...]:
+    """`length` steps of all lanes: raw observations, the policy's mean actions and the teacher's, (length · n, …), then
+    normalised rewards and ends (length, n)."""
+    observation = venv.reset()
+    raw, state, starts = venv.get_original_obs(), None, np.ones(venv.num_envs, dtype=np.bool_)
+    seen, own, told, rewards, ends = [], [], [], [], []
+    for _ in range(length):
+        wanted, state = guide.predict(raw, state, starts)
+        drawn, _ = model.predict(observation, deterministic=False)
+        mean, _ = model.predict(observation, deterministic=True)
+        seen.append(np.array(raw))
+        own.append(mean)
+        told.append(np.clip(wanted, -1.0, 1.0))
+        observation, reward, starts, _ = venv.step(wanted if teacher_acts else drawn)
+        raw = venv.get_original_obs()
+        rewards.append(reward)
+        ends.append(starts)
+    return np.concatenate(seen), np.concatenate(own), np.concatenate(told), np.array(rewards), np.array(ends)
+
+
+def _learn_actions(model: OnPolicyAlgorithm, observations: np.ndarray, actions: np.ndarray) -> None:
+    """Bring the mean of the policy's actions to the wanted ones, by least squares."""
+    seen, wanted = (torch.as_tensor(v, dtype=torch.float32) for v in (observations, actions))
+    optimizer = torch.optim.Adam(model.policy.parameters(), lr=_RATE)
+    for rows in _batches(len(seen)):
+        mean = model.policy.get_distribution(seen[rows]).mode()
+        optimizer.zero_grad()
+        mse_loss(mean, wanted[rows]).backward()
+        optimizer.step()
+
+
+def _learn_values(
+    model: OnPolicyAlgorithm, venv: VecNormalize, length: int, observations: np.ndarray, rewards: np.ndarray,
+    ends: np.ndarray,
+) -> None:  # fmt: skip
+    """Bring the critic to the discounted rewards that followed; what comes after the round is left out of it."""
+    returns, ahead = np.zeros_like(rewards, dtype=np.float64), np.zeros(rewards.shape[1])
+    for step in range(length - 1, -1, -1):
+        ahead = rewards[step] + model.gamma * ahead * ~ends[step]
+        returns[step] = ahead
+    kept = max(1, length - int(2.0 / (1.0 - model.gamma)))
+    seen = venv.normalize_obs(observations[: kept * venv.num_envs])
+    inputs = torch.as_tensor(seen, dtype=torch.float32)
+    wanted = torch.as_tensor(returns[:kept].ravel(), dtype=torch.float32)
+    optimizer = torch.optim.Adam(model.policy.parameters(), lr=_RATE)
+    for rows in _batches(len(inputs)):
+        optimizer.zero_grad()
+        mse_loss(model.policy.predict_values(inputs[rows]).flatten(), wanted[rows]).backward()
+        optimizer.step()
+
+
+def _batches(count: int) -> Iterator[torch.Tensor]:
+    """Rows of `count` in batches, in a new order each epoch."""
+    for _ in range(_EPOCHS):
+        yield from torch.randperm(count).split(_BATCH)

@@ -1,0 +1,81 @@
+"""Imitation: a policy that is taught does what its teacher does, and the sentences where it cannot be taught."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from agents.catalogue import CONTROLLERS
+from agents.evaluation import evaluate
+from agents.learning import training as training_module
+from agents.learning.config import Config
+from agents.learning.export import about_model, plain
+from agents.learning.hyperparameters import hyperparameters
+from agents.learning.imitation import imitate
+from agents.learning.run import Run
+from agents.learning.sb3 import make_model, make_vec_env
+from agents.learning.training import learn
+
+TASK = "MagWire/Steer-v0"
+SETTINGS = {
+    "policy_kwargs": {"net_arch": [32, 32], "log_std_init": -2.0},
+    "n_steps": 16,
+    "batch_size": 64,
+    "gamma": 0.9,
+}
+
+
+def pupil(frames: int = 1, algorithm: str = "ppo", **settings):
+    venv = make_vec_env(TASK, 16, seed=0, frame_stack=frames)
+    return make_model(algorithm, venv, 0, (SETTINGS if "ppo" in algorithm else {}) | {"normalize": {}} | settings)
+
+
+def test_a_taught_policy_does_what_its_teacher_does():
+    model = pupil()
+    error = imitate(model, "MaxForce", 8192)
+    assert error < 0.25
+    meta = {"task": TASK, "algorithm": "ppo", "seed": 0, "env": {}, "scenario": None, "scenario_given": False}
+    taught = evaluate(plain(model, about_model(model, meta)), TASK, 8)
+    teacher = evaluate(CONTROLLERS["MaxForce"].from_env, TASK, 8)
+    assert taught.success.all()
+    assert np.median(taught.time) < 1.1 * np.median(teacher.time)
+
+
+def test_the_critic_learns_what_the_policy_is_worth():
+    """A state near the goal is worth more than one at the start, in the scale of the normalised rewards."""
+    model = pupil()
+    imitate(model, "MaxForce", 8192)
+    venv = model.env
+    model.env.training = False
+    observation = venv.reset()
+    first = model.policy.predict_values(model.policy.obs_to_tensor(observation)[0]).mean().item()
+    for _ in range(50):
+        observation, *_ = venv.step(model.predict(observation, deterministic=True)[0])
+    later = model.policy.predict_values(model.policy.obs_to_tensor(observation)[0]).mean().item()
+    assert np.isfinite([first, later]).all()
+    assert later > first
+
+
+def test_what_cannot_be_taught_says_why():
+    with pytest.raises(ValueError, match="imitate must teach ppo under running normalisation, got SAC"):
+        imitate(pupil(algorithm="sac"), "MaxForce", 8192)
+    with pytest.raises(ValueError, match="single frames, got frame_stack above 1"):
+        imitate(pupil(frames=2), "MaxForce", 8192)
+    with pytest.raises(ValueError, match=r"imitate.teacher must be one of MaxForce, .*, got 'Nobody'"):
+        imitate(pupil(), "Nobody", 8192)
+    with pytest.raises(ValueError, match=r"imitate.steps must be a whole number of at least 64, got 8"):
+        imitate(pupil(), "MaxForce", 8)
+
+
+def test_a_training_begins_with_its_lesson_and_a_resumed_one_does_not(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(training_module, "VALIDATION_EPISODES", 4)
+    lesson = {"teacher": "MaxForce", "steps": 1024}
+    found = hyperparameters("ppo", TASK) | SETTINGS | {"imitate": lesson, "n_epochs": 2}
+    monkeypatch.setattr("agents.learning.run.hyperparameters", lambda *_: dict(found))
+    config = Config(task=TASK, run=tmp_path / "run", timesteps=512, n_envs=16, evaluations=2, progress=False)
+    assert learn(Run.open(config))
+    assert "imitated MaxForce for 1024 steps" in "".join(capsys.readouterr())
+    assert learn(Run.open(Config(**asdict(config) | {"resume": True})))
+    assert "imitated" not in "".join(capsys.readouterr())
