@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 import torch
+from gymnasium.spaces import Box
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 from torch.nn.functional import mse_loss
@@ -30,7 +32,7 @@ _BATCH = 512
 _RATE = 1e-3
 
 
-def imitate(model: OnPolicyAlgorithm, teacher: str, steps: int) -> float:
+def imitate(model: BaseAlgorithm, teacher: str, steps: int) -> float:
     """Teach `model` what a controller does, in `steps` env steps altogether; returns the remaining error.
 
     teacher : a name of `agents.catalogue.CONTROLLERS`
@@ -45,17 +47,21 @@ def imitate(model: OnPolicyAlgorithm, teacher: str, steps: int) -> float:
         raise ValueError(f"imitate must teach ppo under running normalisation, got {type(model).__name__}")
     if not isinstance(venv.venv, NativeVecEnv):
         raise ValueError("imitate must teach a policy that sees single frames, got frame_stack above 1")
+    if not isinstance(venv.observation_space, Box):
+        raise ValueError("imitate must teach a policy that sees numbers alone, got an image among its observations")
     if teacher not in CONTROLLERS:
         raise ValueError(f"imitate.teacher must be one of {', '.join(CONTROLLERS)}, got {teacher!r}")
     length = whole("imitate.steps", steps, _ROUNDS * venv.num_envs) // (_ROUNDS * venv.num_envs)
-    guide, seen, told = CONTROLLERS[teacher].from_env(venv.venv.env), [], []
+    guide = CONTROLLERS[teacher].from_env(venv.venv.env)
+    seen: list[np.ndarray] = []
+    told: list[np.ndarray] = []
     error, worth = 0.0, None
     for number in range(_ROUNDS):
         observations, own, wanted, rewards, ends = _round(model, venv, guide, length, teacher_acts=number == 0)
         error = float(np.sqrt(np.mean((np.clip(own, -1.0, 1.0) - wanted) ** 2)))
         seen.append(observations)
         told.append(wanted)
-        _learn_actions(model, venv.normalize_obs(np.concatenate(seen)), np.concatenate(told))
+        _learn_actions(model, _normalized(venv, np.concatenate(seen)), np.concatenate(told))
         worth = observations, rewards, ends
     assert worth is not None
     _learn_values(model, venv, length, *worth)
@@ -67,7 +73,7 @@ def _round(
 ) -> tuple[np.ndarray, ...]:
     """`length` steps of all lanes: raw observations, the policy's mean actions and the teacher's, (length · n, …), then
     normalised rewards and ends (length, n)."""
-    observation = venv.reset()
+    observation: Any = venv.reset()
     raw, state, starts = venv.get_original_obs(), None, np.ones(venv.num_envs, dtype=np.bool_)
     seen, own, told, rewards, ends = [], [], [], [], []
     for _ in range(length):
@@ -105,7 +111,7 @@ def _learn_values(
         ahead = rewards[step] + model.gamma * ahead * ~ends[step]
         returns[step] = ahead
     kept = max(1, length - int(2.0 / (1.0 - model.gamma)))
-    seen = venv.normalize_obs(observations[: kept * venv.num_envs])
+    seen = _normalized(venv, observations[: kept * venv.num_envs])
     inputs = torch.as_tensor(seen, dtype=torch.float32)
     wanted = torch.as_tensor(returns[:kept].ravel(), dtype=torch.float32)
     optimizer = torch.optim.Adam(model.policy.parameters(), lr=_RATE)
@@ -113,6 +119,12 @@ def _learn_values(
         optimizer.zero_grad()
         mse_loss(model.policy.predict_values(inputs[rows]).flatten(), wanted[rows]).backward()
         optimizer.step()
+
+
+def _normalized(venv: VecNormalize, observations: np.ndarray) -> np.ndarray:
+    normalized = venv.normalize_obs(observations)
+    assert isinstance(normalized, np.ndarray)  # of a Box
+    return normalized
 
 
 def _batches(count: int) -> Iterator[torch.Tensor]:

@@ -90,8 +90,8 @@ def _begun(run: Run) -> tuple[BaseAlgorithm, Progress]:
     elif run.resume:
         note(f"{run.folder} was stopped before its first checkpoint, and begins again")
     if lesson is not None and not model.num_timesteps:
-        error = imitate(model, **lesson)
-        note(f"imitated {lesson['teacher']} for {lesson['steps']} steps: root mean square error {error:.2f}")
+        off = imitate(model, **lesson)
+        note(f"imitated {lesson['teacher']} for {lesson['steps']} steps: root mean square error {off:.2f}")
     model.set_logger(configure(str(run.folder / "tensorboard"), ["tensorboard"]))
     progress.watch()
     return model, progress

@@ -27,9 +27,9 @@ SETTINGS = {
 }
 
 
-def pupil(frames: int = 1, algorithm: str = "ppo", **settings):
-    venv = make_vec_env(TASK, 16, seed=0, frame_stack=frames)
-    return make_model(algorithm, venv, 0, (SETTINGS if "ppo" in algorithm else {}) | {"normalize": {}} | settings)
+def pupil(frames: int = 1, algorithm: str = "ppo", **env):
+    venv = make_vec_env(TASK, 16, seed=0, frame_stack=frames, **env)
+    return make_model(algorithm, venv, 0, (SETTINGS if algorithm == "ppo" else {}) | {"normalize": {}})
 
 
 def test_a_taught_policy_does_what_its_teacher_does():
@@ -63,6 +63,8 @@ def test_what_cannot_be_taught_says_why():
         imitate(pupil(algorithm="sac"), "MaxForce", 8192)
     with pytest.raises(ValueError, match="single frames, got frame_stack above 1"):
         imitate(pupil(frames=2), "MaxForce", 8192)
+    with pytest.raises(ValueError, match="numbers alone, got an image among its observations"):
+        imitate(pupil(observe=("fluoroscopy", "magnet")), "MaxForce", 8192)
     with pytest.raises(ValueError, match=r"imitate.teacher must be one of MaxForce, .*, got 'Nobody'"):
         imitate(pupil(), "Nobody", 8192)
     with pytest.raises(ValueError, match=r"imitate.steps must be a whole number of at least 64, got 8"):
