@@ -29,6 +29,9 @@ from magwire_env.simulation.model import supports
 
 __all__ = ["Trace", "film", "fluoroscopy", "leave_in", "plots", "trace"]
 
+_IN_A_TREE = EVALUATION_SEED + 3
+"""Seed of the README's episode in a tree of the test split."""
+
 _LAST_FRAME = 1.0
 """Time for which the last frame of a video is shown, s."""
 
@@ -245,7 +248,10 @@ def fluoroscopy(path: Path, enlarged: int = 3) -> None:
 
 
 def main(folder: Path) -> None:
-    """The README's picture, the paper's own policy on the paper's scenario, and the guide's images."""
+    """README's pictures, a learned policy in a tree and the paper's own one on its tract, and the guide's images."""
+    learned = resolve("trained/NavigateAny-v0", split="test", env_kwargs=("pool_size=8",))
+    film(learned.policy, folder / "navigating.gif", learned.task, _IN_A_TREE, 0.5, **learned.settings)
+    print(folder / "navigating.gif")
     film(CONTROLLERS[REFERENCE].from_env, folder / "steering.gif", "MagWire/Steer-v0", seed=0, speed=2.0)
     print(folder / "steering.gif")
     fluoroscopy(folder / "fluoroscopy.png")
