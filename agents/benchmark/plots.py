@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from magwire_env.plotting import BLACK, BLUE, BROWN, GREEN, GREY, ORANGE, PURPLE, RED, SKY, blank, styled
+from magwire_env.plotting import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, blank, styled
 from magwire_env.words import counted
 
 from ..evaluation.robustness import heat_map
@@ -31,7 +31,7 @@ _STYLES: dict[str, tuple[str, str]] = {
     "sac": ("#332288", "--"),
     "tqc": ("#999933", "--"),
     "crossq": ("#EE3377", "--"),
-    "stacked_ppo": (BROWN, "--"),
+    "stacked_ppo": ("#00B0B0", "--"),
     "knows_ppo": ("#B15928", "--"),
     "HoldHome": ("#444444", ":"),
     "BestConstant": ("#2B3A8F", ":"),

@@ -73,10 +73,10 @@ COILS = Scenario.paper().replace(rig=Rig((), (Coil("x"), Coil("y"))))
 @pytest.mark.parametrize(
     ("task", "settings", "refused"),
     [
-        ("Steer-v1", {}, {"base", "reference_preview"}),
-        ("Track-v1", {}, {"base"}),
-        ("Steer-v0", {"model": "free"}, {"drive_preview", "reference_preview"}),
-        ("Steer-v0", {"scenario": COILS}, {"base", "reference_preview", "magnet_preview"}),
+        ("Steer-v1", {}, {"base", "reference_preview", "wanted_points"}),
+        ("Track-v1", {}, {"base", "wanted_points"}),
+        ("Steer-v0", {"model": "free"}, {"drive_preview", "reference_preview", "wanted_points"}),
+        ("Steer-v0", {"scenario": COILS}, {"base", "reference_preview", "magnet_preview", "wanted_points"}),
     ],
 )
 def test_a_channel_that_an_env_cannot_show_is_refused_when_it_is_made(task, settings, refused):
