@@ -109,7 +109,7 @@ def _evaluate(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
 def _par(plan: Plan, cell: Cell, out: Path) -> dict[str, Any]:
     """The par's episodes, and a lower bound of the time for each, s (none in a tracking task)."""
     arena = plan.arena(cell.arena)
-    env = make_batch(arena.task, plan.episodes_of(arena), arena.env)
+    env = make_batch(arena.task, plan.episodes_of(arena), arena.env | CONTROLLERS[PAR].env_kwargs)
     # Without the user's cache of plans, so that the seconds of the cell are those of an empty one.
     optimal = CONTROLLERS[PAR].from_env(env, cache=False)
     episodes = evaluate(optimal, arena.task, env.num_envs, EVALUATION_SEED, PAR, env)

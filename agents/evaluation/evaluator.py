@@ -173,12 +173,14 @@ def evaluate(
     `split` (by default "train"). So a smaller evaluation is the beginning of a larger one, and `pool_size` is ignored.
     Certified trees are a limited number (`magwire_env.envs.trees`) and come round again.
 
-    policy : an SB3-like policy, or a callable that makes one from the batch (such as ``MaxForce.from_env``)
+    policy : an SB3-like policy, or a callable that makes one from the batch (such as ``MaxForce.from_env``), whose
+        class may ask for settings of the env (``env_kwargs``)
     env : a batch of `episodes` lanes; by default one is made for `task` with `env_settings`
     disturb : changes the simulator when the episodes have begun; the policy is not told
     """
     if env is None:
-        env = make_batch(task, episodes, env_settings)
+        maker = getattr(policy, "__self__", None)  # the class of a ``from_env``
+        env = make_batch(task, episodes, dict(getattr(maker, "env_kwargs", {})) | env_settings)
     core: SteeringCore = env.unwrapped.core  # type: ignore[attr-defined]
     policy = built(policy, env)
     observation, _ = env.reset(seed=seed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -28,6 +28,10 @@ class Optimal(Controller):
     again : also plan the episodes that a batch begins by itself after a lane's first one (next-step autoreset). By
         default the magnets rest in these episodes, because each would be planned alone while the other lanes still run
     """
+
+    env_kwargs: ClassVar[dict[str, Any]] = {"action_mode": "angle"}
+    """Evaluations play it so: its plans are angles and places, which replay to the last bit. As rates they are rounded,
+    and a tip that balances where no angle holds it falls off a long plan."""
 
     def __init__(
         self,
