@@ -56,7 +56,7 @@ def look_at_training(folder: Path) -> int:
     from agents.learning.policy_file import read
     from agents.learning.run_folder import Checkpoints, locked
     from agents.learning.stored import read_json
-    from agents.learning.training import _score, curve_of, read_curve
+    from agents.learning.training import curve_of, goodness, read_curve
     from agents.learning.tree_file import load_tree
 
     if not folder.exists():
@@ -75,7 +75,7 @@ def look_at_training(folder: Path) -> int:
     check(curve is not None and curve.parent == newest, "the curve is of another checkpoint")
     rows = read_curve(newest / "learning_curve.csv")
     if rows:
-        best = max(rows, key=_score)
+        best = max(rows, key=goodness)
         check(load(folder).about.timesteps == best["timesteps"], "best and the curve disagree")
     return steps
 

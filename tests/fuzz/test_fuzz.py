@@ -13,7 +13,7 @@ import pytest
 
 from magwire_env.physics import ranges
 
-from . import calls, files, scenarios, steps
+from . import calls, files, kills, scenarios, steps
 
 DOC = Path(__file__).parents[2] / "docs" / "reliability.md"
 
@@ -102,3 +102,8 @@ def test_every_failure_on_the_page_names_tests_that_exist():
         assert named, what
         for file, test in named:
             assert f"def {test}(" in (DOC.parents[1] / "tests" / file).read_text(encoding="utf-8"), test
+
+
+def test_the_kills_find_what_they_look_at(tmp_path):
+    """Its imports stand in the function, so that a killed process starts quickly; one of them was gone."""
+    assert kills.look_at_training(tmp_path / "no run yet") == -1
