@@ -85,7 +85,6 @@ def run_cells(
 
         def told(outcome: Outcome) -> None:
             made = outcome.task.arguments[1]
-            progress.done += len(made)
             if store is not None:
                 Shared(store).pull([name for cell in made for name in _files(plan, cell)], out)
             for cell in made:

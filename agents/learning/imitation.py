@@ -8,7 +8,7 @@ advantages that mean nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -55,17 +55,13 @@ def imitate(model: BaseAlgorithm, teacher: str, steps: int) -> float:
     guide = CONTROLLERS[teacher].from_env(venv.venv.env)
     seen: list[np.ndarray] = []
     told: list[np.ndarray] = []
-    error, worth = 0.0, None
     for number in range(_ROUNDS):
         observations, own, wanted, rewards, ends = _round(model, venv, guide, length, teacher_acts=number == 0)
-        error = float(np.sqrt(np.mean((np.clip(own, -1.0, 1.0) - wanted) ** 2)))
         seen.append(observations)
         told.append(wanted)
         _learn_actions(model, _normalized(venv, np.concatenate(seen)), np.concatenate(told))
-        worth = observations, rewards, ends
-    assert worth is not None
-    _learn_values(model, venv, length, *worth)
-    return error
+    _learn_values(model, venv, observations, rewards, ends)
+    return float(np.sqrt(np.mean((np.clip(own, -1.0, 1.0) - wanted) ** 2)))
 
 
 def _round(
@@ -92,42 +88,40 @@ def _round(
 
 def _learn_actions(model: OnPolicyAlgorithm, observations: np.ndarray, actions: np.ndarray) -> None:
     """Bring the mean of the policy's actions to the wanted ones, by least squares."""
-    seen, wanted = (torch.as_tensor(v, dtype=torch.float32) for v in (observations, actions))
-    optimizer = torch.optim.Adam(model.policy.parameters(), lr=_RATE)
-    for rows in _batches(len(seen)):
-        mean = model.policy.get_distribution(seen[rows]).mode()
-        optimizer.zero_grad()
-        mse_loss(mean, wanted[rows]).backward()
-        optimizer.step()
+    _fit(model, lambda seen: model.policy.get_distribution(seen).mode(), observations, actions)
 
 
 def _learn_values(
-    model: OnPolicyAlgorithm, venv: VecNormalize, length: int, observations: np.ndarray, rewards: np.ndarray,
-    ends: np.ndarray,
-) -> None:  # fmt: skip
+    model: OnPolicyAlgorithm, venv: VecNormalize, observations: np.ndarray, rewards: np.ndarray, ends: np.ndarray
+) -> None:
     """Bring the critic to the discounted rewards that followed; what comes after the round is left out of it."""
+    length = len(rewards)
     returns, ahead = np.zeros_like(rewards, dtype=np.float64), np.zeros(rewards.shape[1])
     for step in range(length - 1, -1, -1):
         ahead = rewards[step] + model.gamma * ahead * ~ends[step]
         returns[step] = ahead
     kept = max(1, length - int(2.0 / (1.0 - model.gamma)))
     seen = _normalized(venv, observations[: kept * venv.num_envs])
-    inputs = torch.as_tensor(seen, dtype=torch.float32)
-    wanted = torch.as_tensor(returns[:kept].ravel(), dtype=torch.float32)
+    _fit(model, lambda part: model.policy.predict_values(part).flatten(), seen, returns[:kept].ravel())
+
+
+def _fit(
+    model: OnPolicyAlgorithm,
+    answer: Callable[[torch.Tensor], torch.Tensor],
+    observations: np.ndarray,
+    wanted: np.ndarray,
+) -> None:
+    """Bring what the model answers to observations (n, size) to `wanted` (n, …), by least squares in batches."""
+    seen, right = (torch.as_tensor(v, dtype=torch.float32) for v in (observations, wanted))
     optimizer = torch.optim.Adam(model.policy.parameters(), lr=_RATE)
-    for rows in _batches(len(inputs)):
-        optimizer.zero_grad()
-        mse_loss(model.policy.predict_values(inputs[rows]).flatten(), wanted[rows]).backward()
-        optimizer.step()
+    for _ in range(_EPOCHS):
+        for rows in torch.randperm(len(seen)).split(_BATCH):
+            optimizer.zero_grad()
+            mse_loss(answer(seen[rows]), right[rows]).backward()
+            optimizer.step()
 
 
 def _normalized(venv: VecNormalize, observations: np.ndarray) -> np.ndarray:
     normalized = venv.normalize_obs(observations)
     assert isinstance(normalized, np.ndarray)  # of a Box
     return normalized
-
-
-def _batches(count: int) -> Iterator[torch.Tensor]:
-    """Rows of `count` in batches, in a new order each epoch."""
-    for _ in range(_EPOCHS):
-        yield from torch.randperm(count).split(_BATCH)

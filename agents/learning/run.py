@@ -113,6 +113,9 @@ class Run:
         for block in ("env", "training_env"):
             if block in settings.tree:
                 settings.env(block)
+        if "imitate" in settings.tree:
+            lesson = settings.part("imitate")
+            lesson.get("teacher", str), lesson.whole("steps", 1)
         if "format" in stored.tree:
             scenario = _kept_scenario(folder, stored.get("scenario_sha256", str, type(None)))
         elif asked is not None and not trust:

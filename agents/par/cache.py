@@ -5,11 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import struct
 import tempfile
 import warnings
-import zipfile
-import zlib
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from magwire_env.kept import DAMAGE, kept_folder
 from magwire_env.scenario import Scenario
 
 from ..notes import note
@@ -28,15 +26,9 @@ VERSION = 2
 """Goes up when a change of the planner makes it find other plans."""
 
 
-_DAMAGE = (OSError, ValueError, KeyError, EOFError, TypeError, RuntimeError, MemoryError, OverflowError, SyntaxError,
-           struct.error, zlib.error, zipfile.BadZipFile)  # fmt: skip
-"""What reading a damaged archive raises."""
-
-
 def default_folder() -> Path:
     """``$MAGWIRE_CACHE/par``, or ``~/.cache/magwire/par``."""
-    own = os.environ.get("MAGWIRE_CACHE")
-    return (Path(own) if own else Path.home() / ".cache" / "magwire") / "par"
+    return kept_folder("par")
 
 
 class Cache:
@@ -78,7 +70,7 @@ class Cache:
                 plan, value = np.array(file["plan"], dtype=np.float32), float(file["value"])
         except FileNotFoundError:
             return None
-        except _DAMAGE as failure:
+        except DAMAGE as failure:
             warnings.warn(f"{path} is damaged, so its plan is made again: {failure}", stacklevel=2)
             return None
         if plan.ndim != 2 or not plan.size or not np.isfinite(plan).all() or not np.isfinite(value):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..kept import kept_folder
 from ..physics.checks import one_of, positive, vector
 from .lumen import Lumen
 from .lumen_file import load_lumen, save_lumen
@@ -90,8 +90,8 @@ def _kept(path: Path, arguments: tuple) -> Path:
 
 
 def kept_lumens() -> Path:
-    """The folder of the lumens kept by their files' contents: ``$MAGWIRE_CACHE/lumens`` or the user's cache."""
-    return Path(os.environ.get("MAGWIRE_CACHE") or Path.home() / ".cache" / "magwire") / "lumens"
+    """The folder of the lumens kept by their files' contents."""
+    return kept_folder("lumens")
 
 
 def _keep(lumen: Lumen, kept: Path) -> None:

@@ -7,16 +7,14 @@ that cannot be read or written costs the making, and never an error.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import os
-import zipfile
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..kept import kept_folder, read_arrays, write_arrays
 from ..lumen.curve import Tract
 from ..scenario import Scenario
 
@@ -30,9 +28,8 @@ _CODE = ("quasistatic", "lumen", "physics", "scenario", "simulation")
 
 
 def kept_pools() -> Path:
-    """The folder of the kept pools; it need not exist."""
-    own = os.environ.get("MAGWIRE_CACHE")
-    return (Path(own) if own else Path.home() / ".cache" / "magwire") / "pools"
+    """The folder of the kept pools."""
+    return kept_folder("pools")
 
 
 @lru_cache
@@ -53,43 +50,33 @@ def _file(kind: str, recipe: Recipe, split: str, size: int, seed: int) -> Path:
 
 def read_pool(kind: str, recipe: Recipe, split: str, size: int, seed: int) -> tuple[Scenario, ...] | None:
     """The scenarios of a pool as `write_pool` stored them, bit for bit; None if they are not kept, or not readable."""
+    stored = read_arrays(_file(kind, recipe, split, size, seed)) or {}
     try:
-        path = _file(kind, recipe, split, size, seed)
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            numbers, counts = stored["numbers"].tolist(), stored["counts"]
-            points, radii = stored["points"], stored["radii"]
+        numbers, counts, points, radii = (stored[name] for name in ("numbers", "counts", "points", "radii"))
         if len(numbers) != size or points.shape != (counts.sum(), 3) or radii.shape != (counts.sum(),):
             return None
         ends = np.cumsum(counts)
         return tuple(
-            recipe.scenario(name_of(kind, split, seed, number), Tract.from_points(points[a:b], radii[a:b].tolist()))
+            recipe.scenario(
+                name_of(kind, split, seed, int(number)), Tract.from_points(points[a:b], radii[a:b].tolist())
+            )
             for number, a, b in zip(numbers, ends - counts, ends, strict=True)
         )
-    except (OSError, KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
+    except (KeyError, ValueError, TypeError):
         return None
 
 
 def write_pool(kind: str, recipe: Recipe, split: str, size: int, seed: int, scenarios: tuple[Scenario, ...]) -> None:
     """Keep the scenarios of a pool for the next process."""
-    file = _file(kind, recipe, split, size, seed)
-    own = file.with_name(f"{file.stem}.{os.getpid()}.npz")
     tracts = [sc.tract for sc in scenarios]
     counts = np.array([len(tract.points) for tract in tracts])
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(
-            own,
-            numbers=np.array([int(sc.name.rpartition("-")[2]) for sc in scenarios]),
-            counts=counts,
-            points=np.concatenate([np.array(tract.points) for tract in tracts]),
-            radii=np.concatenate([
-                np.broadcast_to(tract.radius, n) for tract, n in zip(tracts, counts, strict=True)
-            ]),
-        )  # fmt: skip
-        own.replace(file)
-    except OSError:
-        with contextlib.suppress(OSError):
-            own.unlink()
+    write_arrays(
+        _file(kind, recipe, split, size, seed),
+        numbers=np.array([int(sc.name.rpartition("-")[2]) for sc in scenarios]),
+        counts=counts,
+        points=np.concatenate([np.array(tract.points) for tract in tracts]),
+        radii=np.concatenate([np.broadcast_to(tract.radius, n) for tract, n in zip(tracts, counts, strict=True)]),
+    )
 
 
 def name_of(kind: str, split: str, seed: int, number: int) -> str:

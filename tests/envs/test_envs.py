@@ -15,6 +15,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 import magwire_env
 from magwire_env import Scenario
+from magwire_env.envs.task import TASKS
 from magwire_env.physics import PointDipole
 from magwire_env.scenario import ActuatedMagnet, Rig, Slide, Turn
 from magwire_env.simulation import drive_at
@@ -270,8 +271,9 @@ def test_coupling_and_scenario_override_the_task(tmp_path):
 
 
 @pytest.mark.parametrize("env_id", IDS)
-def test_ten_thousand_random_steps_stay_finite(env_id):
-    envs = gym.make_vec(env_id, num_envs=50)
+def test_random_steps_stay_finite(env_id):
+    """10 000 steps; 2 000 where a wire is fed, since one that buckles takes the solver long."""
+    envs = gym.make_vec(env_id, num_envs=10 if TASKS[env_id].kind.navigates else 50)
     envs.action_space.seed(0)
     envs.reset(seed=0)
     for _ in range(200):

@@ -6,15 +6,13 @@ A file that cannot be read or written costs the making, and never an error.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import os
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from ...kept import kept_folder, read_arrays, write_arrays
 from ...lumen.lumen import Lumen
 from ...lumen.surface import Surface
 from .bricks import Bricks
@@ -55,28 +53,19 @@ class _Kept:
     def of(cls, digest: str) -> Bricks | None:
         if digest in cls.walls:
             return cls.walls[digest]
+        stored = read_arrays(kept_walls() / f"{digest}.npz") or {}
         try:
-            with (kept_walls() / f"{digest}.npz").open("rb") as file, np.load(file, allow_pickle=False) as stored:
-                found = Bricks.of(stored["origin"], float(stored["cell"]), stored["index"], stored["coefficients"])
-        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
+            found = Bricks.of(stored["origin"], float(stored["cell"]), stored["index"], stored["coefficients"])
+        except (KeyError, ValueError, TypeError):
             return None
         return cls._remember(digest, found)
 
     @classmethod
     def put(cls, digest: str, bricks: Bricks) -> Bricks:
-        file = kept_walls() / f"{digest}.npz"
-        own = file.with_name(f"{digest}.{os.getpid()}.npz")
-        shape = np.array(bricks.shape)
-        try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            np.savez(
-                own, origin=bricks.origin, cell=bricks.cell, index=bricks.index.reshape(shape),
-                coefficients=bricks.coefficients,
-            )  # fmt: skip
-            own.replace(file)
-        except OSError:
-            with contextlib.suppress(OSError):
-                own.unlink()
+        write_arrays(
+            kept_walls() / f"{digest}.npz", origin=bricks.origin, cell=bricks.cell,
+            index=bricks.index.reshape(bricks.shape), coefficients=bricks.coefficients,
+        )  # fmt: skip
         return cls._remember(digest, bricks)
 
     @classmethod
@@ -88,5 +77,5 @@ class _Kept:
 
 
 def kept_walls() -> Path:
-    """The folder of the walls that are kept: ``$MAGWIRE_CACHE/walls`` or the user's cache."""
-    return Path(os.environ.get("MAGWIRE_CACHE") or Path.home() / ".cache" / "magwire") / "walls"
+    """The folder of the walls that are kept."""
+    return kept_folder("walls")

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from agents.benchmark import jobs
 from agents.benchmark.jobs import jobs_of, run_cells, selected
 from agents.benchmark.plan import Arena, Cell, Plan
+from magwire_env.progress import Progress
 from tests.support.benchmark import ID, STEER, small
 
 
@@ -29,11 +31,14 @@ def test_jobs_hold_every_cell_once_and_wait_for_training():
     assert not jobs_of(plan, [Cell("evaluate", "Chase ood", "ppo", 2)])[0].needs
 
 
-def test_failures_are_reported_and_the_rest_goes_on(tmp_path, capfd):
+def test_failures_are_reported_and_the_rest_goes_on(tmp_path, capfd, monkeypatch):
     bad = Arena("Nowhere", ID, scenario="no-such-scenario", episodes=2)
     plan = small(STEER, bad)
     chosen = [Cell("evaluate", arena, name) for arena in ("Nowhere", "Steer") for name in ("MaxForce", "Random")]
+    bars = []
+    monkeypatch.setattr(jobs, "Progress", lambda *about: bars.append(Progress(*about)) or bars[-1])
     failed = run_cells(plan, chosen, tmp_path, workers=2)
+    assert [(bar.done, bar.total) for bar in bars] == [(4, 4)]
     assert sorted(cell.name for cell in failed) == ["evaluate Nowhere MaxForce", "evaluate Nowhere Random"]
     assert "no shipped scenario of that name" in failed[0].log(tmp_path).read_text()
     assert "Traceback" in failed[0].log(tmp_path).read_text()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict
 
 import numpy as np
@@ -81,3 +82,9 @@ def test_a_training_begins_with_its_lesson_and_a_resumed_one_does_not(tmp_path, 
     assert "imitated MaxForce for 1024 steps" in "".join(capsys.readouterr())
     assert learn(Run.open(Config(**asdict(config) | {"resume": True})))
     assert "imitated" not in "".join(capsys.readouterr())
+    file = tmp_path / "run" / "config.json"
+    stored = json.loads(file.read_text())
+    stored["hyperparameters"]["imitate"]["steps"] = "all of them"
+    file.write_text(json.dumps(stored))
+    with pytest.raises(ValueError, match="steps"):
+        Run.at(tmp_path / "run")
