@@ -160,7 +160,7 @@ def collect(places: Sequence[Path], out: Path, episodes: int, par: bool) -> None
         shutil.rmtree(out / gone, ignore_errors=True)
     for name, one in sorted(best.items()):
         shutil.rmtree(out / name, ignore_errors=True)
-        write(one.policy, out / name)
+        write(one.policy, out / name, halved=True)
         entries[name] = tested(out / name, name, episodes, par)
         print(f"{name} is of {one.folder}", flush=True)
     ordered = [entries[name] for name in sorted(entries)]

@@ -31,16 +31,22 @@ __all__ = ["ARRAYS", "DESCRIPTION", "FORMAT", "load", "read", "write"]
 ARRAYS, DESCRIPTION = "policy.safetensors", "policy.json"
 
 FORMAT = 2
-"""Of both files; goes up when an older program could not read them. Policies that see no image are of format 1."""
+"""Of both files; goes up when an older program could not read them. Policies that see no image, and have weights in
+single precision, are of format 1."""
 
 _MOST_BYTES = 256 * 2**20
 _LARGEST_IMAGE = 1024
+_LARGEST_HALF = float(np.finfo(np.float16).max)
 _PROGRAMS = (".pkl", ".pickle", ".zip", ".pt", ".pth", ".joblib")
 """Endings of files that can carry a program."""
 
 
-def write(policy: PlainPolicy, folder: Path) -> None:
-    """Write both files into `folder`, which is made."""
+def write(policy: PlainPolicy, folder: Path, halved: bool = False) -> None:
+    """Write both files into `folder`, which is made.
+
+    halved : weights in half precision, which takes half the room: three figures of each are kept. What is read is then
+        not quite the same policy, so it wants a test of its own
+    """
     folder.mkdir(parents=True, exist_ok=True)
     arrays = {"action.low": policy.low, "action.high": policy.high}
     for i, layer in enumerate(policy.layers):
@@ -52,11 +58,13 @@ def write(policy: PlainPolicy, folder: Path) -> None:
         looking: tuple[Layer | Convolution, ...] = (*eyes.convolutions, eyes.layer)
         for i, one in enumerate(looking):
             arrays |= {f"eyes.{i}.weight": one.weight, f"eyes.{i}.bias": one.bias}
+    if halved:
+        arrays = {name: _half(array) if name.endswith(".weight") else array for name, array in arrays.items()}
     content = bytes_of({name: np.ascontiguousarray(array) for name, array in arrays.items()})
     about = asdict(policy.about)
     text = about.pop("scenario")
     description = {
-        "format": 1 if eyes is None else FORMAT,
+        "format": FORMAT if halved or eyes is not None else 1,
         **about,
         "scenario": text,
         "scenario_sha256": None if text is None else hashlib.sha256(text.encode()).hexdigest(),
@@ -166,14 +174,21 @@ class _Arrays:
             raise ValueError(f"{path} is damaged or no safetensors file: {error}") from error
 
     def take(self, name: str, shape: tuple[int, ...], kind: type) -> np.ndarray:
-        """The array `name`, finite and of this shape and type."""
+        """The array `name`, finite and of this shape and type; single precision may be stored as half."""
         array = self._arrays.get(name)
+        if array is not None and array.dtype == np.float16 and kind is np.float32:
+            array = array.astype(np.float32)
         if array is None or array.shape != shape or array.dtype != kind:
             got = "none" if array is None else f"{array.shape} of {array.dtype}"
             raise ValueError(f"{self.path}: {name} must have shape {shape} of {np.dtype(kind)}, got {got}")
         if not np.isfinite(array).all():
             raise ValueError(f"{self.path}: {name} must be finite, got NaN or infinity")
         return array
+
+
+def _half(array: np.ndarray) -> np.ndarray:
+    """In half precision; as it is, where a number is too large for that."""
+    return array if np.abs(array).max(initial=0.0) > _LARGEST_HALF else array.astype(np.float16)
 
 
 def _described(layer: Layer | Convolution) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import hashlib
 import json
@@ -19,7 +20,7 @@ from stable_baselines3.common.vec_env import VecFrameStack
 from agents.learning import load
 from agents.learning.export import about_model, plain, save_all
 from agents.learning.plain_policy import PlainPolicy
-from agents.learning.policy_file import read, write
+from agents.learning.policy_file import ARRAYS, read, write
 from agents.learning.sb3 import NativeVecEnv, make_model, make_vec_env
 from agents.learning.scenario_copy import text_for
 from agents.learning.untrained import untrained
@@ -277,3 +278,24 @@ def test_evaluating_a_policy_imports_no_torch(folder):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "policy  " in done.stdout
+
+
+def test_weights_in_half_precision_take_half_the_room(pair, tmp_path):
+    """Each is kept to three figures; the numbers that are read are in single precision again."""
+    _, policy, folder = pair
+    write(policy, tmp_path, halved=True)
+    again = read(tmp_path)
+    assert (tmp_path / ARRAYS).stat().st_size < 0.75 * (folder / ARRAYS).stat().st_size
+    for one, other in zip(policy.layers, again.layers, strict=True):
+        assert other.weight.dtype == np.float32
+        assert np.abs(one.weight - other.weight).max() <= 1e-3 * np.abs(one.weight).max()
+        assert np.array_equal(one.bias, other.bias)
+
+
+def test_a_weight_too_large_for_half_precision_stays_as_it_is(pair, tmp_path):
+    _, policy, _ = pair
+    large = dataclasses.replace(policy.layers[0], weight=policy.layers[0].weight * np.float32(1e9))
+    policy = copy.copy(policy)
+    policy.layers = (large, *policy.layers[1:])
+    write(policy, tmp_path, halved=True)
+    assert np.array_equal(read(tmp_path).layers[0].weight, large.weight)
