@@ -9,8 +9,6 @@ and says what a tree must pass.
 |---|---|---|---|---|
 | train, test | 3–5 | 9–11 mm | 5 mm | in two, by Murray's law |
 | ood | 5–6 | 8–9.5 mm | 4 mm | wider by a fifth to nearly half, a third of them in three; branches wind more |
-
-Of "ood" none are shipped yet; 4 of its first 16 candidates pass.
 """
 
 from __future__ import annotations

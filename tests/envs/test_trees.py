@@ -72,8 +72,10 @@ def test_the_shipped_runs_do_what_they_are_kept_for(tree):
     assert list(ends) == [len(run.actions) for run in runs]
 
 
-def test_a_run_plays_back_in_the_single_env(tree):
-    run = min(trees.demonstrations("test", 0), key=lambda run: len(run.actions))
+@pytest.mark.parametrize("split", ["test", "ood"])
+def test_a_run_plays_back_in_the_single_env(split):
+    run = min(trees.demonstrations(split, 0), key=lambda run: len(run.actions))
+    tree = trees.tree_pool(split, 1)[0]
     env = gym.make(ANY, scenario=tree)
     env.reset(options=run.options(tree))
     ends = [env.step(action)[2] for action in run.actions]
