@@ -128,13 +128,17 @@ LEARNERS: tuple[Learner, ...] = (
 
 
 @lru_cache
-def code_digest() -> str:
-    """Digest of the source that results stand on: the package and the agents, without pictures, commands and report."""
+def code_digest(learns: bool = True) -> str:
+    """Digest of the source that results stand on: the package and the agents, without pictures, commands and report.
+
+    learns : with the source of learning, which no controller's result depends on
+    """
+    without = _NO_RESULTS if learns else (*_NO_RESULTS, _LEARNING)
     digest = hashlib.sha256()
     for root in (Path(magwire_env.__file__).parent, Path(__file__).parents[1]):
         for file in sorted(root.rglob("*.py")):
             where = file.relative_to(root.parent).as_posix()
-            if not where.startswith(_NO_RESULTS):
+            if not where.startswith(without):
                 digest.update(where.encode() + file.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -160,6 +164,8 @@ _NO_RESULTS = (
     "magwire_env/render/", "magwire_env/figures/", "magwire_env/validation/", "agents/cli/", "agents/benchmark/",
 )  # fmt: skip
 """Code that no number of the benchmark depends on; what its cells compute follows from the rest."""
+
+_LEARNING = "agents/learning/"
 
 
 @dataclass(frozen=True)
@@ -289,7 +295,11 @@ class Plan:
 
     def settings(self, cell: Cell) -> dict[str, Any]:
         """Everything that a cell's result depends on, the code among it."""
-        return self._numbers(cell) | {"code": code_digest()}
+        return self._numbers(cell) | {"code": code_digest(self._learns(cell))}
+
+    def _learns(self, cell: Cell) -> bool:
+        """The cell's policy is a network, or may hold one."""
+        return cell.kind == "train" or cell.seed is not None or cell.policy in ("untrained", *self.extra)
 
     def _numbers(self, cell: Cell) -> dict[str, Any]:
         """The settings without the code."""

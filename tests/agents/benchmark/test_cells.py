@@ -102,5 +102,15 @@ def test_a_cell_is_outdated_when_the_code_it_stands_on_has_changed(tmp_path, mon
     plan, cell = small(STEER), Cell("evaluate", "Steer", "HoldHome")
     make(plan, cell, tmp_path)
     assert plan.state(cell, tmp_path) == "finished"
-    monkeypatch.setattr("agents.benchmark.plan.code_digest", lambda: "other")
+    monkeypatch.setattr("agents.benchmark.plan.code_digest", lambda learns: "other")
     assert plan.state(cell, tmp_path) == "outdated"
+
+
+def test_a_controllers_cell_does_not_stand_on_the_code_of_learning():
+    plan = small(STEER)
+
+    def code(policy, seed=None, kind="evaluate"):
+        return plan.settings(Cell(kind, "Steer", policy, seed))["code"]
+
+    assert code("HoldHome") == code("MPPI") == code("Optimal", kind="par")
+    assert code("ppo", 0) == code("ppo", 0, "train") == code("untrained") != code("HoldHome")
