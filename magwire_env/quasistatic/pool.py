@@ -181,7 +181,7 @@ RECIPES: dict[str, Recipe] = {
     "Orient": Recipe(Bounds(), 55e3, "wrench", two_axes),
     "Chase": Recipe(Bounds(), 275e3, "wrench", following),
     "Dual": Recipe(Bounds(), 55e3, "wrench", two_magnets),
-    "SteerAny-v1": Recipe(_SHORT, 275e3, "force", one_axis, steered=True, time_limit=25.0, harder=_LONGER),
+    "SteerAny-v1": Recipe(_SHORT, 275e3, "force", one_axis, steered=True, time_limit=20.0, harder=_LONGER),
     "Hard-v1": Recipe(_SHORT, 275e3, "force", one_axis, steered=True, weakest=0.3e-3, time_limit=30.0, harder=_LONGER),
 }  # fmt: skip
 
