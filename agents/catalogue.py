@@ -46,6 +46,7 @@ from .controllers import (
     NetForce,
     Random,
     RecoverRoute,
+    SlopeAscent,
 )
 from .env_kwargs import parsed, world
 from .par.held import BestConstant, BestConstantEach, HoldHome
@@ -88,8 +89,8 @@ class Untrained:
 CONTROLLERS: dict[str, Any] = {
     c.__name__: c
     for c in (
-        MaxForce, NetForce, ExtremumSeeking, PD, MPPI, Optimal, FollowRoute, RecoverRoute, Forward, Hold, InverseShape,
-        HoldHome, BestConstant, BestConstantEach, ConstantRotation, Random,
+        MaxForce, NetForce, SlopeAscent, ExtremumSeeking, PD, MPPI, Optimal, FollowRoute, RecoverRoute, Forward, Hold,
+        InverseShape, HoldHome, BestConstant, BestConstantEach, ConstantRotation, Random,
     )
 } | {"untrained": Untrained}  # fmt: skip
 """Name → class. `register_controller` adds to it."""

@@ -27,6 +27,7 @@ _STYLES: dict[str, tuple[str, str]] = {
     "MPPI": (RED, "-"),
     "PD": (PURPLE, "-"),
     "ExtremumSeeking": (ORANGE, "-"),
+    "SlopeAscent": ("#556B2F", "-"),
     "ppo": ("#882255", "--"),
     "sac": ("#332288", "--"),
     "tqc": ("#999933", "--"),

@@ -13,8 +13,10 @@ from .mppi import MPPI, MPPISettings
 from .net_force import NetForce
 from .pd import PD
 from .random import Random
+from .slope_ascent import SlopeAscent
 
 __all__ = [
     "MPPI", "PD", "ConstantRotation", "Controller", "ExtremumSeeking", "FollowRoute", "Forward", "Hold", "InverseShape",
     "MPPISettings", "MaxForce", "NetForce", "Random", "RecoverRoute",
+    "SlopeAscent",
 ]  # fmt: skip

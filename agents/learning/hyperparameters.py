@@ -20,7 +20,8 @@ _YAML = Path(__file__).parents[1] / "hyperparameters"
 def hyperparameters(algorithm: str, task: str) -> dict[str, Any]:
     """The task's entry of ``agents/hyperparameters/<algorithm>.yml``, on top of its ``default``.
 
-    ``imitate`` names a ``teacher`` and a number of ``steps``, see `agents.learning.imitation`.
+    ``imitate`` names a ``teacher``, a number of ``steps`` and perhaps a ``learning_rate``, see
+    `agents.learning.imitation`.
     A policy sees and does what its task registers, unless ``env`` in its algorithm's file says otherwise.
     ``training_env`` has settings for the training only; no evaluation uses them. A task's own stand in ``tasks.yml``.
     """

@@ -116,6 +116,8 @@ class Run:
         if "imitate" in settings.tree:
             lesson = settings.part("imitate")
             lesson.get("teacher", str), lesson.whole("steps", 1)
+            if unknown := sorted(set(lesson.tree) - {"teacher", "steps", "learning_rate"}):
+                raise ValueError(f"{lesson.where}: imitate must set teacher, steps, learning_rate; got {unknown[0]!r}")
         if "format" in stored.tree:
             scenario = _kept_scenario(folder, stored.get("scenario_sha256", str, type(None)))
         elif asked is not None and not trust:

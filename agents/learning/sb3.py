@@ -17,11 +17,11 @@ import magwire_env  # noqa: F401  (registers the ids)
 from magwire_env.envs.shown import of_lane
 from magwire_env.envs.task import known_task
 from magwire_env.envs.vector_env import MagWireVectorEnv
-from magwire_env.physics.checks import one_of
+from magwire_env.physics.checks import one_of, positive
 
 from .config import ALGORITHMS
 
-__all__ = ["NativeVecEnv", "algorithm_class", "make_model", "make_vec_env"]
+__all__ = ["NativeVecEnv", "algorithm_class", "make_model", "make_vec_env", "schedule"]
 
 _ACTIVATIONS = ("Tanh", "ReLU", "ELU", "LeakyReLU", "SiLU", "Sigmoid")
 """Names of `torch.nn` that ``activation_fn`` may be."""
@@ -125,7 +125,7 @@ def make_model(
     settings = dict(settings)
     normalize = settings.pop("normalize", {})
     if "learning_rate" in settings and isinstance(settings["learning_rate"], str):
-        settings["learning_rate"] = _schedule(settings["learning_rate"])
+        settings["learning_rate"] = schedule("learning_rate", settings["learning_rate"])
     policy_kwargs = dict(settings.pop("policy_kwargs", {}))
     if "activation_fn" in policy_kwargs:
         import torch
@@ -164,10 +164,14 @@ def algorithm_class(algorithm: str) -> type[BaseAlgorithm]:
     return getattr(importlib.import_module(package), name)
 
 
-def _schedule(text: str) -> Callable[[float], float]:
-    """The schedule of rl-zoo's ``lin_3e-4``, which falls linearly to 0 over the training."""
-    kind, _, value = text.partition("_")
-    if kind != "lin":
-        raise ValueError(f"learning_rate must be a number or 'lin_<number>', got {text!r}")
-    initial = float(value)
-    return lambda remaining: remaining * initial
+def schedule(name: str, rate: Any) -> Callable[[float], float]:
+    """A learning rate as a function of the share of the training that remains: a number, or rl-zoo's ``lin_3e-4``,
+    which falls linearly to 0. Raises `ValueError`, naming it, for anything else."""
+    kind, _, value = rate.partition("_") if isinstance(rate, str) else ("", "", rate)
+    try:
+        initial = positive(name, float(value))
+    except (TypeError, ValueError):
+        kind = "?"
+    if kind not in ("", "lin"):
+        raise ValueError(f"{name} must be a number greater than 0 or 'lin_<number>', got {rate!r}")
+    return (lambda remaining: remaining * initial) if kind else (lambda _: initial)

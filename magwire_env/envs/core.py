@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -360,6 +361,18 @@ class SteeringCore:
         if not kind.returns:
             del summary["time_in"], summary["time_back"]
         return summary
+
+    def shown_as(self, observe: Any) -> SteeringCore:
+        """The same lanes, shown by other channels: for who judges a policy that sees less. To be read, not stepped.
+
+        Raises `ValueError` for a channel that this core's own steps do not keep up.
+        """
+        other = copy.copy(self)
+        other.shown = Shown(self.sim, self.episodes, observe, self.step_limit)
+        other.observer = other.shown.observer
+        if stale := [n for n in other.observer.names if CHANNELS[n].watches_rig and not self._watches_rig]:
+            raise ValueError(f"observe must include {stale[0]!r} in the env itself to be shown it, got {observe!r}")
+        return other
 
     def observe(self) -> Observation:
         """What every lane is shown now."""

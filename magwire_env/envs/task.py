@@ -120,7 +120,7 @@ TASKS = {
         *(
             Task(f"MagWire/{name}-v1", _STEER, pool=pool, time_limit=limit, observe=_SIGHT, action_mode="rate")
             for name, pool, limit in (
-                ("SteerAny", "SteerAny-v1", 20.0),  # 60 s are enough for random commands to cross 18 % of its tracts
+                ("SteerAny", "SteerAny-v1", 20.0),  # in 25 s random commands cross 11 % of its tracts, in 60 s 18 %
                 ("Hard", "Hard-v1", 30.0),
                 ("Orient", "Orient", 60.0),
                 ("Chase", "Chase", 60.0),

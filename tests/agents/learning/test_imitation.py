@@ -44,6 +44,17 @@ def test_a_taught_policy_does_what_its_teacher_does():
     assert np.median(taught.time) < 1.1 * np.median(teacher.time)
 
 
+def test_a_teacher_may_see_what_its_pupil_does_not():
+    env = {"action_mode": "rate", "observe": ["drive_force", "magnet", "magnet_preview"]}
+    model = pupil(**env)
+    error = imitate(model, "SlopeAscent", 32768, "lin_3.0e-3")
+    assert error < 0.3
+    meta = {"task": TASK, "algorithm": "ppo", "seed": 0, "env": env, "scenario": None, "scenario_given": False}
+    taught = evaluate(plain(model, about_model(model, meta)), TASK, 20, **env)
+    teacher = evaluate(CONTROLLERS["SlopeAscent"].from_env, TASK, 20, **CONTROLLERS["SlopeAscent"].env_kwargs)
+    assert taught.success.mean() >= teacher.success.mean() - 0.1
+
+
 def test_the_critic_learns_what_the_policy_is_worth():
     """A state near the goal is worth more than one at the start, in the scale of the normalised rewards."""
     model = pupil()
@@ -70,6 +81,8 @@ def test_what_cannot_be_taught_says_why():
         imitate(pupil(), "Nobody", 8192)
     with pytest.raises(ValueError, match=r"imitate.steps must be a whole number of at least 64, got 8"):
         imitate(pupil(), "MaxForce", 8)
+    with pytest.raises(ValueError, match="under action_mode 'angle', got 'SlopeAscent', which acts under 'rate'"):
+        imitate(pupil(), "SlopeAscent", 8192)
 
 
 def test_a_training_begins_with_its_lesson_and_a_resumed_one_does_not(tmp_path, monkeypatch, capsys):
