@@ -90,7 +90,7 @@ def _begun(run: Run) -> tuple[BaseAlgorithm, Progress]:
     elif run.resume:
         note(f"{run.folder} was stopped before its first checkpoint, and begins again")
     if lesson is not None and not model.num_timesteps:
-        off = imitate(model, lesson["teacher"], lesson["steps"])
+        off = imitate(model, **lesson)
         note(f"imitated {lesson['teacher']} for {lesson['steps']} steps: root mean square error {off:.2f}")
     model.set_logger(configure(str(run.folder / "tensorboard"), ["tensorboard"]))
     progress.watch()

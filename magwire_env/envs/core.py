@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -364,6 +365,19 @@ class SteeringCore:
     def observe(self) -> Observation:
         """What every lane is shown now."""
         return self.shown.read()
+
+    def beside(self, observe: Sequence[str]) -> SteeringCore:
+        """The same lanes for someone who reads other numbers: a copy that shares simulator and episodes.
+
+        observe : names of channels; `beside(…).observer.read()` reads them as they are, without the errors of sensors
+
+        Raises `ValueError` for channels that this env cannot show.
+        """
+        other = copy.copy(self)
+        other.shown = Shown(self.sim, self.episodes, tuple(observe), self.step_limit)
+        other.observer = other.shown.observer
+        self._watches_rig |= any(CHANNELS[name].watches_rig for name in observe)
+        return other
 
 
 def _check_ways(task: Task, scenarios: Sequence[Scenario]) -> None:
