@@ -17,6 +17,7 @@ import magwire_env
 from agents.cli import anatomy as anatomy_cli
 from agents.cli import experiment as experiment_cli
 from agents.cli import identify as identify_cli
+from agents.cli import record as record_cli
 from agents.cli import view as view_cli
 from agents.cli.cache import Cache, cache
 from agents.cli.export import Export, export
@@ -325,7 +326,7 @@ def main(arguments: list[str] | None = None) -> None:
         return
     if str(Path.cwd()) not in sys.path and "" not in sys.path:
         sys.path.append(str(Path.cwd()))  # where a user's own modules are; last, so that it hides no other
-    run = _RUN | identify_cli.RUN | experiment_cli.RUN | anatomy_cli.RUN | view_cli.RUN
+    run = _RUN | record_cli.RUN | identify_cli.RUN | experiment_cli.RUN | anatomy_cli.RUN | view_cli.RUN
     commands: list[Any] = [Annotated[kind, tyro.conf.subcommand(kind.__name__.lower())] for kind in run]
     options: Any = tyro.cli(reduce(or_, commands), prog="magwire", description=__doc__, args=arguments)
     try:

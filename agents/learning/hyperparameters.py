@@ -12,7 +12,10 @@ from magwire_env.physics.checks import one_of
 
 from .config import ALGORITHMS
 
-__all__ = ["hyperparameters"]
+__all__ = ["LESSON", "hyperparameters"]
+
+LESSON = ("teacher", "steps", "rounds", "epochs", "learning_rate")
+"""What a block ``imitate`` sets, see `agents.learning.imitation`; the last three have defaults."""
 
 _YAML = Path(__file__).parents[1] / "hyperparameters"
 
@@ -20,8 +23,7 @@ _YAML = Path(__file__).parents[1] / "hyperparameters"
 def hyperparameters(algorithm: str, task: str) -> dict[str, Any]:
     """The task's entry of ``agents/hyperparameters/<algorithm>.yml``, on top of its ``default``.
 
-    ``imitate`` names a ``teacher``, a number of ``steps`` and perhaps a ``learning_rate``, see
-    `agents.learning.imitation`.
+    ``imitate`` has the settings of `LESSON`: what the policy learns from a controller before it learns by itself.
     A policy sees and does what its task registers, unless ``env`` in its algorithm's file says otherwise.
     ``training_env`` has settings for the training only; no evaluation uses them. A task's own stand in ``tasks.yml``.
     """

@@ -16,10 +16,10 @@ from magwire_env.scenario import Scenario
 from ..env_kwargs import parsed, world
 from ..notes import note
 from .config import ALGORITHMS, Config
-from .hyperparameters import hyperparameters
+from .hyperparameters import LESSON, hyperparameters
 from .run_folder import made_whole, write_whole
 from .scenario_copy import digest, settings_with, text_for
-from .stored import read_json
+from .stored import Stored, read_json
 
 __all__ = ["VALIDATION_EPISODES", "Run"]
 
@@ -114,10 +114,7 @@ class Run:
             if block in settings.tree:
                 settings.env(block)
         if "imitate" in settings.tree:
-            lesson = settings.part("imitate")
-            lesson.get("teacher", str), lesson.whole("steps", 1)
-            if unknown := sorted(set(lesson.tree) - {"teacher", "steps", "learning_rate"}):
-                raise ValueError(f"{lesson.where}: imitate must set teacher, steps, learning_rate; got {unknown[0]!r}")
+            _check_lesson(settings.part("imitate"))
         if "format" in stored.tree:
             scenario = _kept_scenario(folder, stored.get("scenario_sha256", str, type(None)))
         elif asked is not None and not trust:
@@ -197,6 +194,15 @@ class Run:
     def write(self, name: str, content: Any) -> None:
         """A JSON file of the folder."""
         write_whole(self.folder / name, json.dumps(content, indent=2))
+
+
+def _check_lesson(lesson: Stored) -> None:
+    """Raise `ValueError` for settings that `imitation.imitate` does not take."""
+    if unknown := sorted(set(lesson.tree) - set(LESSON)):
+        raise ValueError(f"{lesson.where} must set only {', '.join(LESSON)}; got {unknown[0]!r}")
+    lesson.get("teacher", str), lesson.whole("steps", 1)
+    for name in {"rounds", "epochs"} & set(lesson.tree):
+        lesson.whole(name, 1)
 
 
 def _kept_scenario(folder: Path, sha256: str | None) -> str | None:

@@ -362,21 +362,22 @@ class SteeringCore:
             del summary["time_in"], summary["time_back"]
         return summary
 
-    def shown_as(self, observe: Any) -> SteeringCore:
-        """The same lanes, shown by other channels: for who judges a policy that sees less. To be read, not stepped.
-
-        Raises `ValueError` for a channel that this core's own steps do not keep up.
-        """
-        other = copy.copy(self)
-        other.shown = Shown(self.sim, self.episodes, observe, self.step_limit)
-        other.observer = other.shown.observer
-        if stale := [n for n in other.observer.names if CHANNELS[n].watches_rig and not self._watches_rig]:
-            raise ValueError(f"observe must include {stale[0]!r} in the env itself to be shown it, got {observe!r}")
-        return other
-
     def observe(self) -> Observation:
         """What every lane is shown now."""
         return self.shown.read()
+
+    def beside(self, observe: Sequence[str]) -> SteeringCore:
+        """The same lanes for someone who reads other numbers: a copy that shares simulator and episodes.
+
+        observe : names of channels; `beside(…).observer.read()` reads them as they are, without the errors of sensors
+
+        Raises `ValueError` for channels that this env cannot show.
+        """
+        other = copy.copy(self)
+        other.shown = Shown(self.sim, self.episodes, tuple(observe), self.step_limit)
+        other.observer = other.shown.observer
+        self._watches_rig |= any(CHANNELS[name].watches_rig for name in observe)
+        return other
 
 
 def _check_ways(task: Task, scenarios: Sequence[Scenario]) -> None:
