@@ -89,8 +89,9 @@ def _begun(run: Run) -> tuple[BaseAlgorithm, Progress]:
         model = progress.model = _of_an_earlier_version(run, venv)
     elif run.resume:
         note(f"{run.folder} was stopped before its first checkpoint, and begins again")
-    if lesson is not None and not model.num_timesteps:
+    if lesson is not None and newest is None and not model.num_timesteps:
         off = imitate(model, **lesson)
+        progress.evaluate_first()
         note(f"imitated {lesson['teacher']} for {lesson['steps']} steps: root mean square error {off:.2f}")
     model.set_logger(configure(str(run.folder / "tensorboard"), ["tensorboard"]))
     progress.watch()
@@ -160,6 +161,10 @@ class Progress:
             return collect(*args, **options)
 
         model.collect_rollouts = collect_rollouts
+
+    def evaluate_first(self) -> None:
+        """Evaluate and save before the first rollout too: the policy has learnt something already."""
+        self._next = self.model.num_timesteps
 
     def ask_to_stop(self) -> None:
         """Stop before the next rollout."""
