@@ -13,9 +13,12 @@ from agents.catalogue import CONTROLLERS
 from agents.env_kwargs import parsed
 from agents.evaluation import evaluate
 from agents.learning import load
+from agents.learning.config import Config
 from agents.learning.export import about_model, plain, save_all
+from agents.learning.hyperparameters import hyperparameters
 from agents.learning.plain_eyes import SeeingPolicy
 from agents.learning.policy_file import read, write
+from agents.learning.run import Run
 from agents.learning.sb3 import make_model, make_vec_env
 from agents.learning.training import learn
 from agents.learning.untrained import untrained
@@ -118,6 +121,22 @@ def test_a_run_trains_on_images_is_evaluated_and_loaded_again(tmp_path, monkeypa
     assert policy.env_settings["observe"] == [{"size": 36, "noise": 0.02}, "magnet"]
     found = evaluate(policy, policy.task, 2, time_limit=0.5, **policy.env_settings)
     assert found.steps.tolist() == [5, 5]
+
+
+def test_its_recipe_sees_an_image_alone_and_learns_from_numbers(tmp_path, monkeypatch):
+    """As `magwire train --algorithm sees_ppo`, at a small size: what it saves sees the image, and no number."""
+    navigate = hyperparameters("sees_ppo", "MagWire/Navigate-v0")
+    assert [set(part) for part in navigate["env"]["observe"]] == [{"size"}]
+    assert navigate["imitate"]["teacher"] == "RecoverRoute"
+    lesson = {"imitate": {"teacher": "MaxForce", "steps": 512, "rounds": 2, "epochs": 1}}
+    found = hyperparameters("sees_ppo", ID) | lesson | {"n_steps": 8, "batch_size": 32}
+    monkeypatch.setattr("agents.learning.run.hyperparameters", lambda *_: dict(found))
+    monkeypatch.setattr("agents.learning.training.VALIDATION_EPISODES", 2)
+    asked = {"run": tmp_path / "run", "timesteps": 64, "n_envs": 8, "evaluations": 1, "progress": False}
+    assert learn(Run.open(Config(task=ID, algorithm="sees_ppo", **asked)))
+    policy = load(tmp_path / "run")
+    assert (policy.image, policy.size, policy.about.channels) == ((1, 48, 48), 0, ())
+    assert evaluate(policy, ID, 2, time_limit=0.5, **policy.env_settings).steps.tolist() == [5, 5]
 
 
 def test_a_replay_buffer_with_images_goes_on_too(tmp_path, monkeypatch):
