@@ -92,7 +92,7 @@ class _Teacher:
             self._observer = shown.core.observer
         self._controller = kind.from_env(shown)
 
-    def predict(self, raw: np.ndarray, state: Any, starts: np.ndarray) -> tuple[np.ndarray, Any]:
+    def predict(self, raw: Any, state: Any, starts: np.ndarray) -> tuple[np.ndarray, Any]:
         """What it does now: raw (n, size), the policy's observations as they were before their normalisation."""
         return self._controller.predict(raw if self._observer is None else self._observer.read(), state, starts)
 
