@@ -18,7 +18,7 @@ from agents.learning.hyperparameters import hyperparameters
 from agents.learning.imitation import imitate
 from agents.learning.run import Run
 from agents.learning.sb3 import make_model, make_vec_env
-from agents.learning.training import learn
+from agents.learning.training import curve_of, learn, read_curve
 
 TASK = "MagWire/Steer-v0"
 SETTINGS = {
@@ -118,6 +118,9 @@ def test_what_cannot_be_taught_says_why():
         imitate(pupil(), "Nobody", 8192)
     with pytest.raises(ValueError, match=r"imitate.steps must be a whole number of at least 64, got 8"):
         imitate(pupil(), "MaxForce", 8)
+    for rate in ("fast", "cos_1e-3", 0.0):
+        with pytest.raises(ValueError, match=r"imitate.learning_rate must be a number greater than 0"):
+            imitate(pupil(), "MaxForce", 8192, learning_rate=rate)
     with pytest.raises(ValueError, match="under action_mode 'angle', got 'SlopeAscent', which acts under 'rate'"):
         imitate(pupil(), "SlopeAscent", 8192)
     for wrong in ({"rounds": 0}, {"epochs": 2.5}):
@@ -134,6 +137,8 @@ def test_a_training_begins_with_its_lesson_and_a_resumed_one_does_not(tmp_path, 
     config = Config(task=TASK, run=tmp_path / "run", timesteps=512, n_envs=16, evaluations=2, progress=False)
     assert learn(Run.open(config))
     assert "imitated MaxForce for 1024 steps" in "".join(capsys.readouterr())
+    curve = curve_of(tmp_path / "run")
+    assert [row["timesteps"] for row in read_curve(curve)] == [0, 256, 512]  # the taught policy is a candidate too
     assert learn(Run.open(Config(**asdict(config) | {"resume": True})))
     assert "imitated" not in "".join(capsys.readouterr())
     file = tmp_path / "run" / "config.json"
