@@ -35,6 +35,7 @@ _STYLES: dict[str, tuple[str, str]] = {
     "stacked_ppo": ("#00B0B0", "--"),
     "knows_ppo": ("#B15928", "--"),
     "sees_ppo": ("#117733", "--"),
+    "robust_ppo": ("#DDAA33", "--"),
     "HoldHome": ("#444444", ":"),
     "BestConstant": ("#2B3A8F", ":"),
     "BestConstantEach": ("#3FBF7F", ":"),

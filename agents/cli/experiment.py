@@ -23,6 +23,8 @@ class Experiment:
     """helices (E1: they buckle), continuum_robot (E2), loops (E3: real wires hang), or turning (E6: while pushing)."""
     data: Path | None = None
     """The data's file, or the folder that holds it; by default the folder in the variable MAGWIRE_DATA."""
+    lumen: Path | None = None
+    """Of continuum_robot: the vessel model's walls, as docs/experiments.md says."""
     out: Path = Path("experiments")
     """Folder for NAME.png and NAME.csv."""
     markdown: bool = False
@@ -35,7 +37,7 @@ def experiment(options: Experiment) -> None:
     from magwire_env.validation.experiments import EXPERIMENTS
 
     found = EXPERIMENTS[one_of("name", options.name, tuple(EXPERIMENTS))]
-    outcome = found(options.data or Path(os.environ.get("MAGWIRE_DATA", ".")))
+    outcome = found(options.data or Path(os.environ.get("MAGWIRE_DATA", ".")), options.lumen)
     print(found.title, outcome.text(options.markdown), sep="\n\n")
     options.out.mkdir(parents=True, exist_ok=True)
     picture, numbers = (options.out / f"{found.name}{suffix}" for suffix in (".png", ".csv"))

@@ -123,7 +123,8 @@ def sweep(
 
 
 def sweep_scores(found: dict[str, Episodes], par: Episodes | None) -> list[dict[str, Any]]:
-    """For each disturbance its kind, level, success rate, and the mean of the score, failures as 0.
+    """For each disturbance its kind, level, success rate, median time [s] of the successes, which is None without any,
+    and the mean of the score, failures as 0.
 
     par : `Optimal` on the undisturbed episodes; a score then says how much of the nominal par is left. Without it, the
         policy itself, undisturbed, is the par
@@ -134,9 +135,11 @@ def sweep_scores(found: dict[str, Episodes], par: Episodes | None) -> list[dict[
         if one.name in found:
             episodes = found[one.name]
             score, low, high = episodes.mean_score(against)
+            time = episodes.median_time()[0]
             rows.append(
                 {"kind": one.kind, "level": one.level, "success": float(episodes.success.mean()),
-                 "score": score, "score_low": low, "score_high": high}
+                 "median_time_s": None if np.isnan(time) else time, "score": score, "score_low": low,
+                 "score_high": high}
             )  # fmt: skip
     return rows
 

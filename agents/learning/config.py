@@ -19,12 +19,14 @@ ALGORITHMS: dict[str, tuple[str, str]] = {
     "stacked_ppo": ("stable_baselines3", "PPO"),
     "knows_ppo": ("stable_baselines3", "PPO"),
     "sees_ppo": ("stable_baselines3", "PPO"),
+    "robust_ppo": ("stable_baselines3", "PPO"),
 }
 """Algorithm → the package and the class that implement it.
 
 ``stacked_ppo`` is PPO with a memory: it sees its last few observations, and only the forces and the magnet in them.
 ``knows_ppo`` is PPO that knows the magnets: it sees a force model, the channel ``drive_preview``.
 ``sees_ppo`` is PPO that sees an X-ray image alone.
+``robust_ppo`` is PPO for scenarios with a wide variation: it begins with what `MaxForce` does.
 """
 
 if TYPE_CHECKING:

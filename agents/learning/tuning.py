@@ -71,6 +71,7 @@ SPACES: dict[str, Space] = {
     "stacked_ppo": _ON_POLICY,
     "knows_ppo": _ON_POLICY,
     "sees_ppo": _ON_POLICY,
+    "robust_ppo": _ON_POLICY,
     "sac": _OFF_POLICY | {"tau": _one_of(0.005, 0.01, 0.02)},
     "tqc": _OFF_POLICY | {"tau": _one_of(0.005, 0.01, 0.02), "top_quantiles_to_drop_per_net": _one_of(0, 2, 5)},
     "crossq": _OFF_POLICY | {"policy_delay": _one_of(1, 2, 3)},

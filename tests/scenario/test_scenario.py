@@ -165,6 +165,18 @@ def test_the_hard_scenario_is_the_last_that_its_certificate_lets_through():
     assert not certificate(hard.replace(contact__friction=0.035), time_limit=30.0).solvable
 
 
+def test_the_unmeasured_scenario_is_the_paper_s_in_wide_ranges():
+    share = 0.2 * PAPER.wire.bending_rigidity
+    stiffness = (PAPER.wire.bending_rigidity - share, PAPER.wire.bending_rigidity + share)
+    wide = PAPER.randomised(friction=(0.0, 0.2), bending_rigidity=stiffness, remanence=(0.9, 1.1), placement=0.01)
+    found = Scenario.load("unmeasured")
+    assert dataclasses.astuple(found.variation) == pytest.approx(dataclasses.astuple(wide.variation))
+    expected = PAPER.replace(name="unmeasured", contact__friction=0.1, variation=found.variation)
+    assert found.replace(rig=PAPER.rig) == expected  # its magnet may come nearer, so it has more dipoles
+    assert found.rig.magnets[0].position == PAPER.rig.magnets[0].position
+    assert wide.wire.bending_modulus == pytest.approx(found.wire.bending_modulus)
+
+
 def test_a_file_that_is_not_there_or_not_toml(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"no shipped scenario of that name; shipped: .*paper"):
         Scenario.load("papper")

@@ -13,7 +13,7 @@ def wire(modulus: float, **changes) -> Scenario:
     return PAPER.replace(wire__axial_modulus=modulus, wire__bending_modulus=modulus, **changes)
 
 
-@pytest.mark.parametrize("name", ["paper", "hard"])
+@pytest.mark.parametrize("name", ["paper", "hard", "unmeasured"])
 def test_the_shipped_scenarios_take_steps_of_50_ms(name):
     scenario = Scenario.load(name)
     assert scenario.timing.substeps is None

@@ -26,6 +26,7 @@ EXPERIMENTS: dict[str, Experiment] = {
             "tip poses of the video tracker in ethz-msrl/mCR_simulator (Dreyfus, Boehler, Nelson, RA-L 2022), with the "
             "columns run, t_s, x_m, y_m and angle_rad (from +y to +x)",
             continuum_robot.run,
+            run_in=continuum_robot.run,
         ),
         Experiment(
             "loops",

@@ -20,7 +20,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ...plotting import BLUE, GREY, ORANGE, blank, styled
+from ...words import counted
 from ..report import Row
+from .among_walls import followed, in_the_model, load_lumen
 from .report import Outcome, published, rows_of_file
 
 __all__ = ["Setting", "fitted_poses", "fitted_setting", "rod", "run"]
@@ -150,8 +152,11 @@ def measured_poses(file: Path, name: str = RUN) -> np.ndarray:
     return np.array([[float(row[name]) for name in ("x_m", "y_m", "angle_rad")] for row in rows])
 
 
-def run(file: Path) -> Outcome:
-    """Fit the setting to every other pose, then length and field angle of each pose; the errors of all."""
+def run(file: Path, lumen: Path | None = None) -> Outcome:
+    """Fit the setting to every other pose, then length and field angle of each pose; the errors of all.
+
+    lumen : file of the vessel model's walls, see `among_walls`; without it the vessel run is fitted without walls
+    """
     poses = measured_poses(file)
     setting = fitted_setting(poses[::2])
     best, gaps = fitted_poses(poses, setting)
@@ -163,7 +168,20 @@ def run(file: Path) -> Outcome:
         published("≤", "open run: mean error of the tip's angle", "°", sofa_angle, source, angle),
     )
     held = float(place[1::2].mean())
-    among, missed = "vessel run, without its walls", _without_walls(measured_poses(file, VESSEL))
+    vessel = measured_poses(file, VESSEL)
+    if lumen is None:
+        among, missed = "vessel run, without its walls", _without_walls(vessel)
+        walls = (
+            "The vessels' walls are not in the data: the rod that is fitted to that run bends in the open, and misses "
+            "SOFA's errors, which has the walls; --lumen takes them from a file."
+        )
+    else:
+        among = "vessel run, in its lumen"
+        missed, failed = _within_walls(vessel, lumen, setting.field)
+        walls = (
+            f"In the lumen the robot follows the vessel run under the open run's field; {counted(failed, 'step')} that "
+            "were tried out on the way did not converge and do not count."
+        )
     rows += (
         published("≤", f"{among}: mean distance of the tip", "mm", 1e3 * SOFA_VESSEL[0], source, 1e3 * missed[0]),
         published("≤", f"{among}: mean error of the tip's angle", "°", math.degrees(SOFA_VESSEL[1]), source,
@@ -176,8 +194,7 @@ def run(file: Path) -> Outcome:
         f"{math.degrees(setting.heading):.2g}°; of each pose: inserted length and the field's angle",
         "SOFA had no free parameter a pose, so the two are not alike: two of three numbers a pose are fitted here. The "
         f"{len(place[1::2])} poses that did not fit the setting are off by {1e3 * held:.2f} mm in the mean, the worst "
-        f"of all by {1e3 * place.max():.1f} mm and {math.degrees(turn.max()):.1f}°. The vessels' walls are not in the "
-        "data: the rod that is fitted to that run bends in the open, and misses SOFA's errors, which has the walls.",
+        f"of all by {1e3 * place.max():.1f} mm and {math.degrees(turn.max()):.1f}°. {walls}",
         {
             "x_m": poses[:, 0], "y_m": poses[:, 1], "angle_rad": poses[:, 2], "x_gap_m": gaps[:, 0],
             "y_gap_m": gaps[:, 1], "angle_gap_rad": gaps[:, 2], "length_m": best[:, 0], "field_angle_rad": best[:, 1],
@@ -190,6 +207,12 @@ def _without_walls(poses: np.ndarray) -> tuple[float, float]:
     """Mean errors, m and rad, of a rod in the open fitted to poses (n, 3), one field for all of them."""
     _, gaps = fitted_poses(poses, fitted_setting(poses[::8], IN_THE_VESSEL, evaluations=60))
     return float(np.hypot(gaps[:, 0], gaps[:, 1]).mean()), float(np.abs(gaps[:, 2]).mean())
+
+
+def _within_walls(poses: np.ndarray, lumen: Path, field: float) -> tuple[tuple[float, float], int]:
+    """Mean errors, m and rad, of the robot that follows poses (n, 3) in a file's lumen, and the steps that failed."""
+    gaps, failed = followed(in_the_model(poses), load_lumen(lumen), field, (_POSITION, _ANGLE))
+    return (float(np.hypot(gaps[:, 0], gaps[:, 1]).mean()), float(np.abs(gaps[:, 2]).mean())), failed
 
 
 def _draw(poses: np.ndarray, gaps: np.ndarray, path: Path) -> None:

@@ -46,6 +46,7 @@ class Experiment:
 
     data, source : name of its file, and where it comes from; without a name it needs none
     run : (the data's file) → `Outcome`
+    run_in : (the data's file, a lumen's file) → `Outcome`, of an experiment that can take the walls from the user
     """
 
     name: str
@@ -53,13 +54,21 @@ class Experiment:
     data: str
     source: str
     run: Callable[[Path], Outcome]
+    run_in: Callable[[Path, Path], Outcome] | None = None
 
-    def __call__(self, data: Path) -> Outcome:
-        """Run it on a file, or on the file of its name in a folder. `FileNotFoundError` says what to fetch."""
+    def __call__(self, data: Path, lumen: Path | None = None) -> Outcome:
+        """Run it on a file, or on the file of its name in a folder. `FileNotFoundError` says what to fetch.
+
+        lumen : file of the walls. Raises `ValueError` for an experiment that takes none
+        """
         file = data / self.data if data.is_dir() else data
         if self.data and not file.is_file():
             raise FileNotFoundError(f"{file} is missing: the experiment {self.name!r} reads {self.data}, {self.source}")
-        return self.run(file)
+        if lumen is None:
+            return self.run(file)
+        if self.run_in is None:
+            raise ValueError(f"lumen must be left out, since the experiment {self.name!r} has no walls, got {lumen}")
+        return self.run_in(file, lumen)
 
 
 def published(bound: str, quantity: str, unit: str, value: float, source: str, ours: float) -> Row:

@@ -109,9 +109,11 @@ def test_the_first_observation_is_of_the_disturbed_world():
 
 def test_the_heat_map_and_its_numbers(tmp_path):
     chosen = [NOMINAL, BY_NAME["friction × 4"], BY_NAME["delay 1 step"]]
-    rows = sweep_scores(sweep(MaxForce.from_env, ID, 3, disturbances=chosen), None)
+    found = sweep(MaxForce.from_env, ID, 3, disturbances=chosen)
+    rows = sweep_scores(found, None)
     assert [row["kind"] for row in rows] == ["as modelled", "friction", "delay"]
     assert rows[0]["score"] == 1.0
+    assert rows[0]["median_time_s"] == np.median(found[NOMINAL.name].time) < rows[1]["median_time_s"]
     assert rows[1]["score"] < 0.95
     rows[2]["score"] = None
     path = heat_map(rows, "a title", tmp_path / "map.png", {"Source": "abc"})
