@@ -2,11 +2,12 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tests.neighbours import __main__ as command
+from tests.neighbours.cases import PACKAGES, Answer, answered, at_equal_accuracy, cases, solvers
 from tests.neighbours.cylinder import Cylinder
 from tests.neighbours.free_wire import coiled, drawn_round
 from tests.neighbours.tube import OFF, Helix
@@ -44,18 +45,29 @@ def test_ours_comes_near_both_closed_forms():
 
 
 def test_a_neighbour_that_is_not_there_is_named(monkeypatch):
-    monkeypatch.setitem(command.PACKAGES, "mujoco", "a_module_that_does_not_exist")
-    found, missing = command.solvers(["magwire", "mujoco"])
+    monkeypatch.setitem(PACKAGES, "mujoco", "a_module_that_does_not_exist")
+    found, missing = solvers(["magwire", "mujoco"])
     assert list(found) == ["magwire"]
     assert len(missing) == 1
     assert missing[0].startswith("mujoco was not run: ")
 
 
 def test_a_run_that_fails_is_a_row_with_its_reason():
-    case = next(iter(command.in_a_tube("magwire", lambda scene, step: scene.expected)))
-    assert command.timed(case)[4] == "pitch +0.00%, load +0.00%"
+    exact = SimpleNamespace(coiled=lambda scene, step: scene.expected)
+    case = cases("tube", {"magwire": exact})[0]
+    assert answered(case).row()[4] == "pitch +0.00%, load +0.00%"
 
-    def fails() -> str:
+    def fails():
         raise RuntimeError("it has blown up")
 
-    assert command.timed(replace(case, run=fails))[4] == "failed: it has blown up"
+    answer = answered(replace(case, run=fails))
+    assert answer.row()[4] == "failed: it has blown up"
+    assert answer.worst == math.inf
+
+
+def test_the_fastest_answer_that_is_good_enough_counts():
+    case = cases("tube", {"magwire": None})[0]
+    good, better = Answer(case, {"pitch": -0.009, "load": 0.0}, 1.0), Answer(case, {"pitch": 0.001}, 9.0)
+    fast = Answer(case, {"pitch": 0.02}, 0.1)
+    assert at_equal_accuracy([good, better, fast], 0.01) == {"magwire": good}
+    assert at_equal_accuracy([fast], 0.01) == {}
