@@ -18,6 +18,7 @@ import numpy as np
 from magwire_env import Scenario, Simulator
 from magwire_env.simulation.free import layout as at
 from magwire_env.simulation.lanes import LANES
+from tests.neighbours.cases import HEAD, OURS, PACKAGES, SCENES, answered, at_equal_accuracy, cases, solvers
 from tests.speed.bench import DOCS, machine
 from tests.speed.free_accuracy import Scene, errors, five_scenes, record, references
 from tests.speed.measure import both_rates, rate, ratio, table, timed
@@ -176,7 +177,30 @@ def scaling(size: Size) -> str:
     return f"{table(('case', 'processor time of a lane and control period'), rows)}\n\n{memory}"
 
 
-SECTIONS = {"accuracy": accuracy, "rates": rates_of, "single": single, "rollout": rollout, "scaling": scaling}
+EQUAL = 0.01
+"""Largest error against the closed form at which the neighbours' speed is told."""
+
+
+def neighbours(_: Size) -> str:
+    """Item 6: the neighbours' rods in the scenes of `tests.neighbours`, each at its fastest with the same accuracy."""
+    found, missing = solvers([OURS, *PACKAGES])
+    rows = []
+    for scene in SCENES:
+        answers = [answered(case) for case in cases(scene, found)]
+        good = at_equal_accuracy(answers, EQUAL)
+        for solver in found:
+            own = [answer for answer in answers if answer.case.solver == solver]
+            answer = good.get(solver) or min(own, key=lambda one: one.worst)
+            over = f"{good[OURS].rate / answer.rate:.3g}" if solver in good and OURS in good else "not as accurate"
+            rows.append((*answer.row(), over))
+    text = table((*HEAD, "times by which ours is faster"), rows)
+    return "\n\n".join([f"At most {EQUAL:.0%} off the closed form, else the nearest that was tried.", text, *missing])
+
+
+SECTIONS = {
+    "accuracy": accuracy, "rates": rates_of, "single": single, "rollout": rollout, "scaling": scaling,
+    "neighbours": neighbours,
+}  # fmt: skip
 
 
 def main() -> None:

@@ -134,7 +134,7 @@ def followed(poses: np.ndarray, lumen: Lumen, field: float, weights: tuple[float
             cost[failed > 0.0] = math.inf
             one = int(cost.argmin())
             if cost[one] < best[0]:
-                best = (float(cost[one]), *map(float, tried[one]), sim.state(np.array([one])))
+                best = (float(cost[one]), float(tried[one, 0]), float(tried[one, 1]), sim.state(np.array([one])))
                 gaps[number] = found[one]
             reach = _SHRINK * reach
         _, length, angle, state = best

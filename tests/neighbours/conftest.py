@@ -1,0 +1,3 @@
+"""Doctests are not looked for in modules that need a neighbour."""
+
+collect_ignore = ["mujoco_cable.py", "pyelastica.py"]
