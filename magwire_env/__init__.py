@@ -27,7 +27,7 @@ TASK_IDS = (
     *(f"MagWire/{name}-v1" for name in ("Steer", "Reach", "Track", "SteerAny", "Hard", "Orient", "Chase", "Dual")),
     "MagWire/SteerFree-v0",
     "MagWire/Shape-v0",
-    *(f"MagWire/{name}-v0" for name in ("Navigate", "NavigateAny", "Recover")),
+    *(f"MagWire/{name}-v0" for name in ("Navigate", "NavigateAny", "Recover", "Gentle", "Uniform")),
 )
 """The tasks of `envs.task.TASKS`, spelt out here so that importing this package loads nothing heavy."""
 

@@ -18,7 +18,7 @@ from magwire_env.envs.task import TASKS
 
 from ..catalogue import PAR
 from ..evaluation.episodes import EVALUATION_SEED
-from ..evaluation.evaluator import Episodes
+from ..evaluation.evaluator import Episodes, paired_ratio
 from ..evaluation.robustness import sweep_scores
 from ..evaluation.statistics import (
     interquartile_mean,
@@ -128,17 +128,21 @@ def _work(records: Records) -> dict[str, Any]:
 
 def _arena(plan: Plan, arena: Arena, records: Records) -> tuple[dict[str, Any], dict[str, list[np.ndarray]]]:
     """An arena's entry, and every policy's scores, one array for each training seed."""
-    found = records[plan.par(arena)]
+    of_par = plan.par(arena)
+    found = None if of_par is None else records[of_par]
     par = None if found is None else Episodes.from_json(found)
     policies, scores = [], {}
-    names: list[tuple[str, str, list[Cell]]] = [(PAR, "par", [plan.par(arena)])]
+    names: list[tuple[str, str, list[Cell]]] = [] if of_par is None else [(PAR, "par", [of_par])]
     for name in plan.controllers(arena):
         kind = "floor" if plan.is_floor(name) else "controller"
         names.append((name, kind, [Cell("evaluate", arena.name, name)]))
     for algorithm, seeds in plan.trained(arena).items():
         names.append((algorithm, "trained", [Cell("evaluate", arena.name, algorithm, c.seed) for c in seeds]))
     for name, kind, cells in names:
-        entry, scores[name] = _policy([records[cell] for cell in cells], par)
+        rows = [records[cell] for cell in cells]
+        entry, scores[name] = _policy(rows, par)
+        if arena.reference is not None and entry["state"] == "played":
+            entry |= _beside(rows, records[Cell("evaluate", arena.name, arena.reference)])
         policies.append({"policy": name, "kind": kind, **entry})
     best = max(
         ((e["score"][0], e["policy"]) for e in policies if e["kind"] != "par" and _exists(e.get("score", [None])[0])),
@@ -148,6 +152,7 @@ def _arena(plan: Plan, arena: Arena, records: Records) -> tuple[dict[str, Any], 
         "name": arena.name, "task": arena.task, "tracking": arena.tracking, "split": arena.split,
         "scenario": arena.scenario, "episodes": plan.episodes_of(arena), "bracket": _bracket(found),
         "best_mean_score": best[0], "best_policy": best[1], "policies": policies,
+        **({} if arena.reference is None else {"reference": arena.reference}),
         "profiles": {name: _profile(groups) for name, groups in scores.items() if groups and name != PAR},
     }  # fmt: skip
     return entry, scores
@@ -190,6 +195,19 @@ def _policy(found: Sequence[dict[str, Any] | None], par: Episodes | None) -> tup
     return entry, [group for group in scores if len(group)]
 
 
+def _beside(found: Sequence[dict[str, Any] | None], reference: dict[str, Any] | None) -> dict[str, Any]:
+    """What an arena with a reference tells more: wrong branches, kept limits, and the time over the reference's."""
+    rows = [Episodes.from_json(record) for record in found if record is not None]
+    told: dict[str, Any] = {
+        name: float(np.concatenate([getattr(row, name) for row in rows]).mean())
+        for name in ("wrong_entries", "within_limit")
+    }
+    if reference is not None:
+        against = Episodes.from_json(reference)
+        told["time_over_reference"] = [paired_ratio(row, against) for row in rows]
+    return told
+
+
 def _finite(values: np.ndarray) -> np.ndarray:
     return values[np.isfinite(values)]
 
@@ -219,7 +237,11 @@ def _overall(plan: Plan, scores: dict[str, dict[str, list[np.ndarray]]]) -> list
     Strata are the tasks and their training seeds.
     """
     plain = {plain_name(task) for task in TASKS}
-    tasks = [arena.name for arena in plan.arenas if arena.name in plain and not arena.task.endswith(arena.name)]
+    tasks = [
+        arena.name
+        for arena in plan.arenas
+        if arena.reference is None and arena.name in plain and not arena.task.endswith(arena.name)
+    ]
     names = list(dict.fromkeys(name for task in tasks for name in scores[task]))
     rows = []
     for name in names:
@@ -287,7 +309,8 @@ def _robustness(plan: Plan, records: Records) -> list[dict[str, Any]]:
     for cell, record in records.items():
         if cell.kind != "robustness" or record is None:
             continue
-        par = records[plan.par(plan.arena(cell.arena))]
+        of_par = plan.par(plan.arena(cell.arena))
+        par = None if of_par is None else records[of_par]
         episodes = {name: Episodes.from_json(stored) for name, stored in record["disturbed"].items()}
         rows = sweep_scores(episodes, None if par is None else Episodes.from_json(par))
         found.append(

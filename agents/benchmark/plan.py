@@ -50,6 +50,7 @@ class Arena:
     controllers : names of those that play here; by default all
     models : name of the arena for which the trained policies of this arena were trained; by default this one
     par : name of the arena with the same episodes whose par counts here; by default this one
+    reference : of an arena without a par, the controller whose time others' times are given over
     """
 
     name: str
@@ -60,6 +61,7 @@ class Arena:
     controllers: tuple[str, ...] | None = None
     models: str | None = None
     par: str | None = None
+    reference: str | None = None
 
     @property
     def env(self) -> dict[str, Any]:
@@ -263,9 +265,9 @@ class Plan:
             if home in learner.arenas
         }
 
-    def par(self, arena: Arena) -> Cell:
-        """The cell whose par counts in an arena."""
-        return Cell("par", arena.par or arena.name, PAR)
+    def par(self, arena: Arena) -> Cell | None:
+        """The cell whose par counts in an arena; None in one that has a reference in its place."""
+        return None if arena.reference is not None else Cell("par", arena.par or arena.name, PAR)
 
     def cells(self) -> list[Cell]:
         """All cells; a cell comes after those that it needs."""
@@ -273,7 +275,8 @@ class Plan:
         for arena in self.arenas:
             cells += [cell for seeds in self.trained(arena).values() for cell in seeds]
         for arena in self.arenas:
-            cells.append(self.par(arena))
+            par = self.par(arena)
+            cells += [] if par is None else [par]
             cells += [Cell("evaluate", arena.name, name) for name in self.controllers(arena)]
             for algorithm, seeds in self.trained(arena).items():
                 cells += [Cell("evaluate", arena.name, algorithm, cell.seed) for cell in seeds]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,9 @@ from magwire_env.words import counted
 
 from .plan import plain_name
 from .plots import draw, heat_map_name
+from .writing import NONE, between, labelled, percent, provenance, table, trained_label
 
-__all__ = ["MARKS", "insert", "less_than_kept", "markdown", "readme_table", "text_of", "write"]
+__all__ = ["LOCKED", "MARKS", "Form", "insert", "less_than_kept", "markdown", "readme_table", "text_of", "write"]
 
 MARKS = ("<!-- benchmark:begin -->", "<!-- benchmark:end -->")
 """The README's table is between these two lines."""
@@ -25,39 +27,64 @@ README_POLICIES = (
 )  # fmt: skip
 """The README shows these rows, on the registered tasks' own episodes; docs/benchmark.md has every policy and arena."""
 
-_NONE = "–"
-_LABELS = {"par": "par", "controller": "", "floor": "floor", "trained": "trained"}
+
+def _locked_figures(data: dict[str, Any], docs: Path, digest: str) -> list[Path]:
+    return draw(data, docs / "figures", digest)
+
+
+@dataclass(frozen=True)
+class Form:
+    """How the report of one set of arenas is written.
+
+    stem : of its files, such as benchmark.json and benchmark.md
+    marks : the README's table is between these two lines
+    page, readme : of the JSON's numbers, the page and the table
+    figures : draws into the docs' folder what the page shows, with the SHA-256 of the JSON; returns the files
+    """
+
+    stem: str
+    marks: tuple[str, str]
+    page: Callable[[dict[str, Any]], str]
+    readme: Callable[[dict[str, Any]], str]
+    figures: Callable[[dict[str, Any], Path, str], list[Path]]
 
 
 def write(
-    data: dict[str, Any], docs: Path, readme: Path | None = None, episodes: dict[str, Any] | None = None
+    data: dict[str, Any],
+    docs: Path,
+    readme: Path | None = None,
+    episodes: dict[str, Any] | None = None,
+    form: Form | None = None,
 ) -> list[Path]:
     """Write benchmark.json, benchmark.md and figures/*.png under `docs`, and the README's table; returns the files.
 
     episodes : of `aggregates.episode_records`, written compressed to benchmark_episodes.json.gz
+    form : of the set of arenas, by default `LOCKED`
 
     Each plot carries the SHA-256 of the JSON, so that a plot of other numbers is noticed.
     """
-    packed = "benchmark_episodes.json.gz"
+    form = form or LOCKED
+    packed = f"{form.stem}_episodes.json.gz"
     text = text_of(data if episodes is None else data | {"episodes_in": packed})
     data = json.loads(text)
     docs.mkdir(parents=True, exist_ok=True)
-    files = [docs / "benchmark.json", docs / "benchmark.md"]
+    files = [docs / f"{form.stem}.json", docs / f"{form.stem}.md"]
     files[0].write_text(text, encoding="utf-8")
-    files[1].write_text(markdown(data), encoding="utf-8")
-    files += draw(data, docs / "figures", hashlib.sha256(text.encode()).hexdigest())
+    files[1].write_text(form.page(data), encoding="utf-8")
+    files += form.figures(data, docs, hashlib.sha256(text.encode()).hexdigest())
     if episodes is not None:
         files.append(docs / packed)
         files[-1].write_bytes(gzip.compress(json.dumps(episodes, separators=(",", ":")).encode(), mtime=0))
     if readme is not None:
-        readme.write_text(insert(readme.read_text(encoding="utf-8"), readme_table(data)), encoding="utf-8")
+        whole = insert(readme.read_text(encoding="utf-8"), form.readme(data), form.marks)
+        readme.write_text(whole, encoding="utf-8")
         files.append(readme)
     return files
 
 
-def less_than_kept(data: dict[str, Any], docs: Path) -> str:
+def less_than_kept(data: dict[str, Any], docs: Path, stem: str = "benchmark") -> str:
     """What the report that stands in `docs` has and `data` lacks, as a clause; "" if it may be written over."""
-    file = docs / "benchmark.json"
+    file = docs / f"{stem}.json"
     if not data["missing"] or not file.exists():
         return ""
     kept = json.loads(file.read_text(encoding="utf-8"))
@@ -81,12 +108,12 @@ def _compact(value: Any) -> str:
     return json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
-def insert(text: str, table: str) -> str:
-    """`text` with `table` between its `MARKS`. Raises `ValueError` if it does not have each mark once, in order."""
-    if any(text.count(mark) != 1 for mark in MARKS) or text.index(MARKS[0]) > text.index(MARKS[1]):
-        raise ValueError(f"README must hold the lines {MARKS[0]!r} and {MARKS[1]!r} once each, in this order")
-    before, _, rest = text.partition(MARKS[0])
-    return f"{before}{MARKS[0]}\n{table}\n{MARKS[1]}{rest.partition(MARKS[1])[2]}"
+def insert(text: str, table: str, marks: tuple[str, str] = MARKS) -> str:
+    """`text` with `table` between its marks. Raises `ValueError` if it does not have each mark once, in order."""
+    if any(text.count(mark) != 1 for mark in marks) or text.index(marks[0]) > text.index(marks[1]):
+        raise ValueError(f"README must hold the lines {marks[0]!r} and {marks[1]!r} once each, in this order")
+    before, _, rest = text.partition(marks[0])
+    return f"{before}{marks[0]}\n{table}\n{marks[1]}{rest.partition(marks[1])[2]}"
 
 
 def readme_table(data: dict[str, Any]) -> str:
@@ -101,23 +128,23 @@ def readme_table(data: dict[str, Any]) -> str:
     for name in names:
         own = [next((p for p in arena["policies"] if p["policy"] == name), None) for arena in arenas]
         kind = next(entry["kind"] for entry in own if entry is not None)
-        rows.append([_label(name, kind), *(_success_and_score(entry) for entry in own)])
-    return _table(["policy", *(arena["name"] for arena in arenas)], rows)
+        rows.append([labelled(name, kind), *(_success_and_score(entry) for entry in own)])
+    return table(["policy", *(arena["name"] for arena in arenas)], rows)
 
 
 def _success_and_score(entry: dict[str, Any] | None) -> str:
     if entry is None or entry["state"] == "not applicable":
-        return _NONE
+        return NONE
     if entry["state"] == "missing":
         return "missing"
     score = entry["score"][0]
-    return f"{_percent(entry['success'])} · " + (_NONE if score is None else f"{score:.2f}")
+    return f"{percent(entry['success'])} · " + (NONE if score is None else f"{score:.2f}")
 
 
 def markdown(data: dict[str, Any]) -> str:
     """The whole page."""
     parts = [_head(data), _overall(data), *(_arena(arena) for arena in data["arenas"])]
-    parts += [_learning(data), _decisions(data), _robustness(data), _provenance(data)]
+    parts += [_learning(data), _decisions(data), _robustness(data), provenance(data)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -162,7 +189,7 @@ episodes and do not count for the front, those below 50 % are left out."""
 def _overall(data: dict[str, Any]) -> str:
     if not data["overall"]:
         return ""
-    rows = [[row["policy"], _between(row["score"], 3)] for row in data["overall"]]
+    rows = [[row["policy"], between(row["score"], 3)] for row in data["overall"]]
     return "\n".join(
         [
             "## All tasks together",
@@ -170,7 +197,7 @@ def _overall(data: dict[str, Any]) -> str:
             f"Mean of the score over the latest versions of the {data['overall'][0]['tasks']} registered tasks, for "
             "the policies that play in all of them; as many episodes of each, strata are the tasks and training seeds.",
             "",
-            _table(["policy", "score (95 %)"], rows),
+            table(["policy", "score (95 %)"], rows),
         ]
     )
 
@@ -184,7 +211,7 @@ def _arena(arena: dict[str, Any]) -> str:
     head = ["policy", "success", measure, "score (95 %)", "path covered", "peak wall force [mN]"]
     head += ["mean wall force [mN]", "travel", "cost [mN·steps]", "IQM of the score (95 %)"]
     rows = [_row(entry, arena["tracking"]) for entry in arena["policies"]]
-    lines += [_table(head, rows), ""]
+    lines += [table(head, rows), ""]
     lines += [_bracket(arena)]
     untrusted = {e["policy"]: e["untrusted_episodes"] for e in arena["policies"] if e.get("untrusted_episodes")}
     if untrusted:
@@ -196,25 +223,17 @@ def _arena(arena: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _label(name: str, kind: str) -> str:
-    return name + (f" *({_LABELS[kind]})*" if _LABELS[kind] else "")
-
-
 def _row(entry: dict[str, Any], tracking: bool) -> list[str]:
-    label = _label(entry["policy"], entry["kind"])
-    if entry["kind"] == "trained":
-        seeds, planned = entry["seeds"], entry["seeds_planned"]
-        count = counted(planned, "seed") if seeds == planned else f"{seeds} of {planned} seeds"
-        label = f"{entry['policy']} *(trained, {count})*"
+    label = trained_label(entry) if entry["kind"] == "trained" else labelled(entry["policy"], entry["kind"])
     if entry["state"] != "played":
-        return [label, "missing" if entry["state"] == "missing" else _NONE, *[_NONE] * 8]
-    own = _between(entry["rms_error_mm"], 2) if tracking else _between(entry["time_s"], 2)
+        return [label, "missing" if entry["state"] == "missing" else NONE, *[NONE] * 8]
+    own = between(entry["rms_error_mm"], 2) if tracking else between(entry["time_s"], 2)
     path = entry["path_ratio"]
     return [
-        label, _percent(entry["success"]), own, _between(entry["score"], 3),
-        _NONE if path is None else _percent(path), f"{entry['peak_wall_force_mN']:.1f}",
+        label, percent(entry["success"]), own, between(entry["score"], 3),
+        NONE if path is None else percent(path), f"{entry['peak_wall_force_mN']:.1f}",
         f"{entry['mean_wall_force_mN']:.1f}", f"{entry['magnet_travel']:.2f}", f"{entry['cost_mN_steps']:.1f}",
-        _between(entry["score_interquartile"], 3),
+        between(entry["score_interquartile"], 3),
     ]  # fmt: skip
 
 
@@ -243,22 +262,22 @@ def _learning(data: dict[str, Any]) -> str:
         seconds = entry["training_seconds"]
         rows.append(
             [entry["arena"], entry["algorithm"], str(entry["seeds"]), f"{entry['steps'][-1] / 1e6:.2f}",
-             f"{sum(seconds) / len(seconds):.0f}" if seconds else _NONE,
+             f"{sum(seconds) / len(seconds):.0f}" if seconds else NONE,
              _mean_and_range(entry["success"], lambda x: f"{100 * x:.0f}"),
              _mean_and_range(entry["time_s"], lambda x: f"{x:.2f}")]
         )  # fmt: skip
     head = ["arena", "algorithm", "seeds", "steps [millions]", "training [s]", "success at the end [%]"]
-    table = _table([*head, "median time at the end [s]"], rows)
+    columns = [*head, "median time at the end [s]"]
     return (
         "## Learning\n\n![Learning curves](figures/benchmark_learning.png)\n\n"
         "Training seconds are of one core, evaluations included, mean over the seeds; the last columns are of the last "
-        f"evaluation while training, on episodes kept for that: mean (lowest–highest seed).\n\n{table}"
+        f"evaluation while training, on episodes kept for that: mean (lowest–highest seed).\n\n{table(columns, rows)}"
     )
 
 
 def _mean_and_range(of: dict[str, list[float | None]], form: Any) -> str:
     mean, low, high = of["mean"][-1], of["low"][-1], of["high"][-1]
-    return _NONE if mean is None else f"{form(mean)} ({form(low)}–{form(high)})"
+    return NONE if mean is None else f"{form(mean)} ({form(low)}–{form(high)})"
 
 
 def _decisions(data: dict[str, Any]) -> str:
@@ -270,7 +289,7 @@ def _decisions(data: dict[str, Any]) -> str:
     ]
     return (
         "## Time for a decision\n\nOf one env, one thread, other cells keep the next core busy; control leaves it "
-        "100 ms.\n\n" + _table(["policy", "task", "median [ms]", "5 % [ms]", "95 % [ms]", "99 % [ms]"], rows)
+        "100 ms.\n\n" + table(["policy", "task", "median [ms]", "5 % [ms]", "95 % [ms]", "99 % [ms]"], rows)
     )
 
 
@@ -290,44 +309,14 @@ def _robustness(data: dict[str, Any]) -> str:
             found = [next(r for r in e["rows"] if (r["kind"], r["level"]) == (kind, level)) for e in entries]
             rows.append([f"{kind} {level}".strip(), *(_of_sweep(row) for row in found)])
         parts.append(f"### {arena}, {entries[0]['episodes']} episodes a cell")
-        parts.append(_table(["disturbance", *(entry["policy"] for entry in entries)], rows))
+        parts.append(table(["disturbance", *(entry["policy"] for entry in entries)], rows))
         parts += [f"![{e['policy']} on {arena}](figures/{heat_map_name(e)})" for e in entries]
     return "\n\n".join(parts)
 
 
 def _of_sweep(row: dict[str, Any]) -> str:
-    return f"{_percent(row['success'])} · " + (_NONE if row["score"] is None else f"{row['score']:.2f}")
+    return f"{percent(row['success'])} · " + (NONE if row["score"] is None else f"{row['score']:.2f}")
 
 
-def _provenance(data: dict[str, Any]) -> str:
-    made = data["made"]
-    versions = ", ".join(f"{name} {number}" for name, number in made["versions"].items())
-    rows = [
-        [kind, str(work["cells"]), f"{work['seconds']:.0f}", f"{work['seconds'] / work['cells']:.1f}"]
-        for kind, work in data["work"].items()
-    ]
-    return (
-        f"## Made with\n\nCommit {made['commit']}, {made['date']}, {made['cpu']}, {made['cores']} cores, "
-        f"{made['system']}, Python {made['python']}, {versions}. One thread a worker process.\n\n"
-        + _table(["kind of cell", "cells", "seconds of one core", "seconds a cell"], rows)
-    )
-
-
-def _between(values: Sequence[float | None], digits: int) -> str:
-    value, low, high = values
-    if value is None or low is None or high is None:
-        return _NONE if value is None else f"{value:.{digits}f}"
-    return f"{value:.{digits}f} ({low:.{digits}f}–{high:.{digits}f})"
-
-
-def _percent(share: float) -> str:
-    """Whole percents; but 100 % only for all, and 0 % only for none."""
-    text = f"{100 * share:.0f}"
-    if (text == "100" and share < 1.0) or (text == "0" and share > 0.0):
-        text = f"{100 * share:.1f}" if f"{100 * share:.1f}" not in ("100.0", "0.0") else f"{100 * share:.2f}"
-    return f"{text} %"
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
+LOCKED = Form("benchmark", MARKS, markdown, readme_table, _locked_figures)
+"""The form of the report of the locked wire's arenas."""

@@ -97,6 +97,8 @@ class Robustness:
 class Benchmark:
     """Train and evaluate every policy in every arena, and write the report; goes on where it stopped."""
 
+    set: Literal["locked", "free"] = "locked"
+    """Arenas of the locked wire, which have a par, or of free wires: trees, SteerFree and Shape."""
     out: Path = Path("runs/benchmark")
     """Folder of the finished cells."""
     workers: int = 2
@@ -190,8 +192,11 @@ def benchmark(options: Benchmark) -> None:
     from agents.benchmark.jobs import run_cells, selected
     from agents.benchmark.plan import Plan
     from agents.benchmark.report import less_than_kept, write
+    from agents.benchmark.sets import SETS
 
+    asked = SETS[options.set]
     plan = Plan(
+        asked.arenas, asked.learners, asked.robustness,
         extra=options.controllers, trust=options.trust, episodes=options.episodes, timesteps=options.timesteps,
         seeds=options.seeds,
     )  # fmt: skip
@@ -215,10 +220,10 @@ def benchmark(options: Benchmark) -> None:
             sys.exit("interrupted; finished cells are kept, and the same command goes on")
     data = collect(plan, options.out)
     docs, readme = options.docs or options.out, options.readme
-    if less := less_than_kept(data, docs):
+    if less := less_than_kept(data, docs, asked.form.stem):
         print(f"{docs} is kept, with {less}; the report goes to {options.out}")
         docs, readme = options.out, None
-    for path in write(data, docs, readme, episode_records(plan, options.out)):
+    for path in write(data, docs, readme, episode_records(plan, options.out), asked.form):
         print(path)
     if data["missing"]:
         print(f"{counted(len(data['missing']), 'cell')} missing from the report, which names them")

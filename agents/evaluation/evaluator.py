@@ -42,6 +42,7 @@ class Episodes:
     steps : control steps
     unconverged : integration steps whose motion is not to be trusted, see `magwire_env.simulation.readout`
     wrong_entries : branches off the route that the tip has entered, of a navigating task; NaN elsewhere
+    within_limit : 1 where the cost stayed below the task's limit, else 0; NaN of a task without such a limit
     """
 
     policy: str
@@ -60,6 +61,7 @@ class Episodes:
     unconverged: np.ndarray
     reward: np.ndarray
     wrong_entries: np.ndarray
+    within_limit: np.ndarray
 
     @property
     def tracking(self) -> bool:
@@ -112,6 +114,7 @@ class Episodes:
             "median_magnet_travel": float(np.median(self.magnet_travel)),
             "mean_reward": float(self.reward.mean()),
             "mean_wrong_entries": float(self.wrong_entries.mean()),
+            "within_limit_rate": float(self.within_limit.mean()),
             "untrusted_episodes": int((self.unconverged > 0).sum()),
         }
 
@@ -131,7 +134,7 @@ class Episodes:
         kinds: dict[str, Any] = {"success": np.bool_, "steps": np.int64, "unconverged": np.int64}
         if "unconverged" not in episodes:  # of an earlier version
             episodes = {**episodes, "unconverged": [0] * len(episodes["success"])}
-        episodes = {"wrong_entries": [None] * len(episodes["success"]), **episodes}
+        episodes = {**dict.fromkeys(("wrong_entries", "within_limit"), [None] * len(episodes["success"])), **episodes}
         arrays: dict[str, Any] = {
             f.name: np.array(
                 [np.nan if x is None else x for x in episodes[f.name]], dtype=kinds.get(f.name, np.float64)
@@ -154,6 +157,7 @@ _SUMMARISED = (
     "mean_wall_force",
     "magnet_travel",
     "wrong_entries",
+    "within_limit",
 )
 
 
@@ -202,7 +206,7 @@ def evaluate(
             ended, info = step.ended, step.info
             progress.done += int(ended.sum())
             reward += np.where(step.running, step.reward, 0.0)
-            cost += np.where(step.running, info["cost"], 0.0)
+            cost += np.where(step.running, core.cost_unit * info["cost"], 0.0)
             if ended.any():
                 results["success"][ended] = info["is_success"][ended]
                 results["path_ratio"][ended] = np.nan if core.task.kind.follows else info["path_ratio"][ended]
@@ -288,6 +292,8 @@ def _columns(
         columns.append(_Column("path covered", "path", lambda row: f"{row.path_ratio.mean():.1%}"))
     if np.isfinite(rows[0].wrong_entries).all():
         columns.append(_Column("wrong branches entered", "wrong", lambda row: f"{row.wrong_entries.mean():.2f}"))
+    if np.isfinite(rows[0].within_limit).all():
+        columns.append(_Column("cost within its limit", "within", lambda row: f"{row.within_limit.mean():.1%}"))
     return [
         *columns,
         _Column("peak lateral force [mN]", "side", mn(lambda row: row.peak_lateral_force.max())),

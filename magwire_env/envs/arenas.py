@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 
 from ..lumen import LUMENS, Lumen
@@ -13,7 +14,16 @@ from ..physics.profile import Profile
 from ..quasistatic.rigs import following
 from ..scenario import ActuatedMagnet, Coil, Contact, Current, Feed, Rig, Scenario, Slide, Timing, Turn
 
-__all__ = ["arch", "clamped", "dragged", "following_magnet", "in_tree", "soft_tipped"]
+__all__ = [
+    "arch",
+    "clamped",
+    "dragged",
+    "following_magnet",
+    "in_narrow_tree",
+    "in_tree",
+    "in_tree_with_coils",
+    "soft_tipped",
+]
 
 
 def soft_tipped(length: float, segments: int, shaft: float, tip: float, soft: float) -> Guidewire:
@@ -78,6 +88,11 @@ def dragged() -> Scenario:
     return paper.replace(name="paper, dragged", coupling="wrench", model="free", rig=following(paper.tract))
 
 
+def _three_coils(most: float, speed: float) -> tuple[Coil, ...]:
+    """A pair of coils along each axis, 1 mT/A: up to ± `most` mT along each, which changes by `speed` mT/s."""
+    return tuple(Coil(axis, 1e-3, current=Current(-most, most, speed=speed)) for axis in "xyz")
+
+
 @lru_cache(maxsize=1)
 def clamped() -> Scenario:
     """The paper's wire, clamped along x at the origin, in free space: the lumen about it is too wide to be touched.
@@ -87,8 +102,7 @@ def clamped() -> Scenario:
     """
     paper = Scenario.paper()
     space = Tract.from_points([(0.0, 0.0, 0.0), (0.06, 0.0, 0.0), (0.12, 0.0, 0.0)], 0.11)
-    current = Current(-25.0, 25.0, speed=50.0)
-    rig = Rig(coils=tuple(Coil(axis, 1e-3, current=current) for axis in "xyz"), clamped=True)
+    rig = Rig(coils=_three_coils(25.0, 50.0), clamped=True)
     return paper.replace(name="clamped in free space", tract=space, rig=rig, coupling="wrench", model="free")
 
 
@@ -99,12 +113,27 @@ WIRE_IN_TREES = 0.36
 def in_tree(lumen: Lumen) -> Scenario:
     """A generated tree about the origin, and the wire, tip magnet and following magnet of `arch`.
 
-    The wire is 0.36 m long. The magnet's centre is 170 mm above the origin, 125 to 215 mm above the tip: across the way
-    to the tip its field is 53 to 10 mT, along it twice that.
+    The wire is 0.36 m long, and its feed slips beyond 0.5 N. The magnet's centre is 170 mm above the origin, 125 to
+    215 mm above the tip: across the way to the tip its field is 53 to 10 mT, along it twice that.
     """
     return arch().replace(
         name=lumen.name,
         lumen=lumen,
         wire=soft_tipped(WIRE_IN_TREES, 36, 6e-5, 8e-6, 0.06),
-        rig=Rig((following_magnet(lumen, 0.1, 0.17, 0.1),), feed=Feed(0.04, low=0.05, home=0.07)),
+        rig=Rig((following_magnet(lumen, 0.1, 0.17, 0.1),), feed=Feed(0.04, low=0.05, home=0.07, force=0.5)),
     )
+
+
+def in_narrow_tree(lumen: Lumen) -> Scenario:
+    """As `in_tree`, where the wall should bear no more than 40 mN: what a narrow tree's bends take, and little more."""
+    plain = in_tree(lumen)
+    return plain.replace(contact=replace(plain.contact, wall_force_limit=0.04))
+
+
+def in_tree_with_coils(lumen: Lumen) -> Scenario:
+    """As `in_tree`, with three pairs of coils in place of the magnet: a uniform field of any direction.
+
+    Up to 20 mT along each axis, reached in 0.2 s. It turns the tip and does not pull it.
+    """
+    magnetic = in_tree(lumen)
+    return magnetic.replace(rig=Rig(coils=_three_coils(20.0, 100.0), feed=magnetic.rig.feed))

@@ -130,6 +130,11 @@ class SteeringCore:
         """(n,) control steps of the running episodes so far."""
         return self.episodes.steps
 
+    @property
+    def cost_unit(self) -> float:
+        """N·steps in one of `info["cost"]`: it is in N, and of a task with a `cost_limit` in mN·s."""
+        return 1.0 if self.task.kind.cost_limit is None else 1e-3 / self.sim.control_period
+
     def begin(self, lanes: np.ndarray, rngs: Sequence[np.random.Generator], options: dict[str, Any] | None) -> None:
         """Start episodes in `lanes`, each drawing from its own generator; nothing changes if an option is bad."""
         lanes = np.asarray(lanes, dtype=np.int64)

@@ -71,7 +71,8 @@ class MagWireEnv(SpecWithLimit, gym.Env[Any, np.ndarray]):  # type: ignore[misc]
     backwards. Truncated after 30 s (`time_limit`, s).
 
     ## Info
-    Every step: `is_success`, `cost` (N, peak wall force above its limit), `wall_force` (N, mean over the step),
+    Every step: `is_success`, `cost` (N, peak wall force above its limit; in mN·s, times the control period, in a task
+    with a limit on an episode's cost, such as Gentle), `wall_force` (N, mean over the step),
     `path_ratio` (share of the way from start to goal covered), `distance` (m, way left), the reward's terms, and what
     the scenario's `variation` drew; of a wire that is fed `base_force` (N), `base_torque` (N·m) and `inserted_length`
     (m). At the end `summary`: `steps`,

@@ -41,6 +41,7 @@ class Kind:
     ends_far : the episode ends when the tip leaves the tract by its far end, as it does at the inlet
     directions : the ways along the tract a wire may have to go, 1 forwards and −1 backwards
     takes : options of `reset` that make sense
+    cost_limit : mN·s, what the `cost` of an episode should stay below; None of a task that has no such limit
     """
 
     name: ClassVar[str]
@@ -52,6 +53,7 @@ class Kind:
     ends_far: ClassVar[bool] = False
     directions: ClassVar[tuple[int, ...]] = (1,)
     takes: ClassVar[tuple[str, ...]] = ("tip_arclength", "target", "magnet_angle")
+    cost_limit: ClassVar[float | None] = None
 
     @property
     def follows(self) -> bool:

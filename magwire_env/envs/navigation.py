@@ -18,7 +18,7 @@ from .moment import over
 if TYPE_CHECKING:
     from .task import Task
 
-__all__ = ["Navigate", "Navigation", "Recover", "end_of", "inside", "wrong_branches"]
+__all__ = ["Gentle", "Navigate", "Navigation", "Recover", "end_of", "inside", "wrong_branches"]
 
 _MN = 1e3
 """mN of a newton."""
@@ -28,6 +28,9 @@ _BEFORE = 5e-3
 
 _BACK = 5
 """Control periods on the route after which leaving it counts as another wrong entry."""
+
+
+_RIG = "A magnet stands over the tip, and its moment points anywhere; coils have any currents."
 
 
 @dataclass(frozen=True)
@@ -58,8 +61,7 @@ class Navigate(Kind):
         """As `Kind.starts`."""
         return (
             f"The feed's home ± {1e3 * task.start_spread:g} mm of wire are inserted, in a short trunk no more than it "
-            "holds. The target, one of the tree's dead ends, is drawn; the magnet stands over the tip, and its moment "
-            "points anywhere."
+            f"holds. The target, one of the tree's dead ends, is drawn. {_RIG}"
         )
 
     def ends(self, task: Task) -> str:
@@ -91,8 +93,28 @@ class Recover(Navigate):
         """As `Kind.starts`."""
         return (
             "The target, one of the tree's dead ends, is drawn, and a branch that leaves the way to it. The tip lies "
-            f"{1e3 * _SHALLOWEST:g} to {1e3 * _DEEPEST:g} mm inside that branch, and the wire along the way there. The "
-            "magnet stands over the tip, and its moment points anywhere."
+            f"{1e3 * _SHALLOWEST:g} to {1e3 * _DEEPEST:g} mm inside that branch, and the wire along the way there. "
+            f"{_RIG}"
+        )
+
+
+@dataclass(frozen=True)
+class Gentle(Navigate):
+    """Bring the tip into a branch of a tree that is drawn for every episode, to its end, with little force on the wall.
+
+    The task is constrained: `cost` is the force above the scenario's limit over time, and an episode's sum of it should
+    stay below `cost_limit`. Neither reward nor success knows of that limit.
+    """
+
+    name: ClassVar[str] = "gentle"
+    cost_limit: ClassVar[float | None] = 2.0
+
+    def ends(self, task: Task) -> str:
+        """As `Kind.ends`."""
+        return (
+            f"{super().ends(task)} `cost` is the peak of the wall's force above the scenario's `wall_force_limit` "
+            "times the control period, mN·s; `summary` has its sum over the episode, and `within_limit`, which says "
+            f"whether that is at most {self.cost_limit:g} mN·s."
         )
 
 
@@ -126,27 +148,42 @@ class Navigation:
 
     wrong_entries : (n,) how often the tip has left the route for another branch
     on_route : (n,) control periods since the tip was last astray
+    cost : (n,) mN·s, by which and for how long the wall's force has exceeded the scenario's limit in this episode
     """
 
     def __init__(self, sim: Simulator, task: Task) -> None:
         self._sim, self._task = sim, task
         n = sim.num_envs
         self.wrong_entries, self.on_route = np.zeros(n, dtype=np.int64), np.full(n, _BACK)
+        self._wall_limit = np.array([sc.contact.wall_force_limit for sc in sim.library.scenarios])
+        self.cost = np.zeros(n)
         trees = [sc.tree for sc in sim.library.scenarios]
         self._names = [np.array([b.name for b in tree.branches], dtype=object) for tree in trees]
         self._trees = trees
 
     def begin(self, lanes: np.ndarray) -> None:
         """New episodes in `lanes` (n,), just laid out: a tip that starts astray has not gone astray itself."""
-        self.wrong_entries[lanes] = 0
+        self.wrong_entries[lanes], self.cost[lanes] = 0, 0.0
         self._sim.readout[OF_STATE:, lanes] = 0.0  # the last control period was another episode's
         self.on_route[lanes] = np.where(self._sim.readout[ROW.astray, lanes] > 0.0, 0, _BACK)
 
     def moved(self) -> None:
-        """After a control period: count the tips that have left the route."""
+        """After a control period: count the tips that have left the route, and what the wall has borne."""
+        self.cost += self._cost_now()
         astray = self._sim.readout[ROW.astray, : self._sim.num_envs] > 0.0
         self.wrong_entries += astray & (self.on_route >= _BACK)
         self.on_route = np.where(astray, 0, self.on_route + 1)
+
+    def _cost_now(self) -> np.ndarray:
+        """The last control period's cost, (n,) mN·s."""
+        peak, limit = self._sim.readout[ROW.peak_wall, : self._sim.num_envs], self._wall_limit[self._sim.lane_scenario]
+        return _MN * self._sim.control_period * np.maximum(peak - limit, 0.0)
+
+    @property
+    def within_limit(self) -> np.ndarray:
+        """Whether the episodes' costs are below the task's limit so far, (n,); true where it has none."""
+        limit = self._task.kind.cost_limit
+        return self.cost <= (np.inf if limit is None else limit)
 
     def targets(self) -> np.ndarray:
         """Names of the lanes' target branches, (n,) of objects."""
@@ -177,25 +214,31 @@ class Navigation:
             "contact_mean": _MN * rows[ROW.mean_wall],
             "contact_peak": _MN * rows[ROW.peak_wall],
         }
+        if self._task.kind.cost_limit is not None:
+            found["cost"] = self._cost_now()
         if lane is None:
             return found
         return {k: v[lane] if v.dtype == object else v[lane].item() for k, v in found.items()}
 
     def summary(self, of: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """What the summary of an episode tells beside other tasks', from the summary `of` all tasks."""
-        return {
+        found = {
             "wrong_entries": self.wrong_entries.copy(),
             "contact_mean": _MN * of["mean_wall_force"],
             "contact_peak": _MN * of["peak_wall_force"],
         }
+        if self._task.kind.cost_limit is not None:
+            found |= {"cost": self.cost.copy(), "within_limit": self.within_limit}
+        return found
 
     def state(self) -> dict[str, np.ndarray]:
         """The counts as values; `load_state` puts them back."""
-        return {"wrong_entries": self.wrong_entries.copy(), "on_route": self.on_route.copy()}
+        return {name: getattr(self, name).copy() for name in ("wrong_entries", "on_route", "cost")}
 
     def load_state(self, state: dict[str, np.ndarray]) -> None:
         """Put back what `state` gave."""
-        self.wrong_entries[:], self.on_route[:] = state["wrong_entries"], state["on_route"]
+        for name in ("wrong_entries", "on_route", "cost"):
+            getattr(self, name)[:] = state[name]
 
     def overridden(
         self, options: dict[str, Any], lanes: np.ndarray, entries: np.ndarray, start: Places, goal: Places

@@ -13,9 +13,10 @@ from ..scenario import Feed, Scenario, Twist
 from ..scenario.rig import Slide, Turn
 from .env import MagWireEnv
 from .kinds import Kind
-from .pools import TREES, example
+from .pools import example
 from .rewards import TERMS, info_name
 from .task import TASKS, Task
+from .trees import FORESTS
 
 __all__ = ["env_class", "make", "page"]
 
@@ -30,6 +31,8 @@ ABOUT = {
     "Navigate": "Bring the tip of a wire that is fed into the aortic arch into the branch drawn for the episode.",
     "NavigateAny": "Bring the tip of a wire that is fed into a tree never seen before into the branch drawn for it.",
     "Recover": "Come out of a wrong branch of a tree never seen before, and go into the branch drawn for the episode.",
+    "Gentle": "Bring the tip of a fed wire into the branch drawn for it in a narrow, unseen tree, and press gently.",
+    "Uniform": "As NavigateAny, steered by coils that make a uniform field of any direction, with no magnet.",
     "SteerFree": "Drag a free wire by its tip to the end of the paper's tract, with a magnet that follows it.",
     "Shape": "Bring a clamped wire in free space into a wanted shape, by a uniform field of any direction.",
     "Dual": "Steer along a tract never seen before, with one turning magnet above it and one below.",
@@ -100,7 +103,7 @@ def page(task_id: str) -> str:
     kind = task.kind
     where = (
         f"A certified scenario of the pool {task.pool!r}, see "
-        f"`magwire_env.{'envs.trees' if task.pool == TREES else 'quasistatic.pool'}`; which one depends on the "
+        f"`magwire_env.{'envs.trees' if task.pool in FORESTS else 'quasistatic.pool'}`; which one depends on the "
         "seed and the episode's number alone. "
         if task.pool
         else ""
@@ -143,7 +146,7 @@ _DRAGGED = (
 )
 _FED = (
     "The wire is a rod in space that touches the walls with friction, is fed from its base, and is turned by a magnet "
-    "outside; see `magwire_env.simulation.free` and `magwire_env.envs.arenas`."
+    "or coils outside; see `magwire_env.simulation.free` and `magwire_env.envs.arenas`."
 )
 _CLAMPED = (
     "The wire is a rod in space, held at its base, that external magnets or coils bend by its magnetic tip; see "

@@ -10,26 +10,23 @@ from ..physics.checks import one_of, whole
 from ..quasistatic import pool
 from ..scenario import Scenario
 from ..simulation.model import model_names
-from .trees import tree_pool
+from .trees import FORESTS, TREES, tree_pool
 
 if TYPE_CHECKING:
     from .task import Task
 
 __all__ = ["TREES", "example", "scenario_pool", "scenarios_of"]
 
-TREES = "Trees"
-"""The kind of the trees of `magwire_env.envs.trees`."""
-
 
 def scenario_pool(kind: str, split: str = "train", size: int = 100, seed: int = 0) -> tuple[Scenario, ...]:
     """`size` certified scenarios of a kind, see `magwire_env.quasistatic.pool` and `magwire_env.envs.trees`."""
-    one_of("kind", kind, (*pool.RECIPES, TREES))
-    return tree_pool(split, size, seed) if kind == TREES else pool.scenario_pool(kind, split, size, seed)
+    one_of("kind", kind, (*pool.RECIPES, *FORESTS))
+    return tree_pool(split, size, seed, kind) if kind in FORESTS else pool.scenario_pool(kind, split, size, seed)
 
 
 def example(kind: str) -> Scenario:
     """A scenario with the rig of a kind's; it need not be certified."""
-    return tree_pool("train", 1)[0] if kind == TREES else pool.candidates(kind, "train", 1)[0]
+    return tree_pool("train", 1, 0, kind)[0] if kind in FORESTS else pool.candidates(kind, "train", 1)[0]
 
 
 def scenarios_of(

@@ -13,10 +13,10 @@ from ..quasistatic.certificate import GOAL_MARGIN, START_SPREAD
 from ..scenario import Scenario
 from . import arenas
 from .kinds import KINDS, Kind
-from .navigation import Navigate, Recover
-from .pools import TREES
+from .navigation import Gentle, Navigate, Recover
 from .rewards import RewardWeights
 from .shapes import Shape
+from .trees import TREES
 
 __all__ = ["DEFAULT_CHANNELS", "TASKS", "RewardWeights", "Task", "known_task", "register_task"]
 
@@ -139,8 +139,13 @@ TASKS = {
         ),
         Task("MagWire/Navigate-v0", Navigate(), arenas.arch, time_limit=20.0, observe=_TREE, action_mode="moment"),
         *(
-            Task(f"MagWire/{name}-v0", kind, pool=TREES, time_limit=12.0, observe=_TREE, action_mode="moment")
-            for name, kind in (("NavigateAny", Navigate()), ("Recover", Recover()))
+            Task(f"MagWire/{name}-v0", kind, pool=pool, time_limit=12.0, observe=_TREE, action_mode="moment")
+            for name, kind, pool in (
+                ("NavigateAny", Navigate(), TREES),
+                ("Recover", Recover(), TREES),
+                ("Gentle", Gentle(), "NarrowTrees"),
+                ("Uniform", Navigate(), "TreesInField"),
+            )
         ),
     )
 }

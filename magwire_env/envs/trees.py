@@ -1,51 +1,85 @@
 """Trees that navigating tasks draw from: generated, certified by demonstrations in the simulator, and shipped.
 
-A tree is a vessel-like one of `magwire_env.lumen.random_trees` under `arenas.in_tree`. What was admitted stands in
-``trees.npz`` beside this module: the generator's number of every tree, and for every dead end the actions of a run that
-brings the tip there. The walls follow from the numbers. ``python -m agents.evaluation.certified_trees`` made the file,
-and says what a tree must pass.
+A tree is a vessel-like one of `magwire_env.lumen.random_trees`, in one of the `FORESTS`. What was admitted stands in a
+file beside this module: the generator's number of every tree, and for every dead end the actions of a run that brings
+the tip there. The walls follow from the numbers. ``python -m agents.evaluation.certified_trees`` made the files, and
+says what a tree must pass.
 
-| split | dead ends | trunk's radius | least radius | forks |
-|---|---|---|---|---|
-| train, test | 3–5 | 9–11 mm | 5 mm | in two, by Murray's law |
-| ood | 5–6 | 8–9.5 mm | 4 mm | wider by a fifth to nearly half, a third of them in three; branches wind more |
+| forest | split | dead ends | trunk's radius | least radius | forks |
+|---|---|---|---|---|---|
+| Trees, TreesInField | train, test | 3–5 | 9–11 mm | 5 mm | in two, by Murray's law |
+| Trees | ood | 5–6 | 8–9.5 mm | 4 mm | wider by a fifth to nearly half, a third of them in three; branches wind more |
+| NarrowTrees | train, test | 3–5 | 6.5–8 mm | 4 mm | in two, by Murray's law |
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
+from ..lumen import Lumen
 from ..lumen.generator import SPLITS
 from ..lumen.random_trees import TreeBounds, grow
 from ..physics.checks import one_of, whole
 from ..scenario import Scenario
-from .arenas import WIRE_IN_TREES, in_tree
+from .arenas import WIRE_IN_TREES, in_narrow_tree, in_tree, in_tree_with_coils
 
-__all__ = ["Demonstration", "Shipped", "candidate", "demonstrations", "load", "rounded", "save", "stored", "tree_pool"]
+__all__ = [
+    "FORESTS",
+    "TREES",
+    "Demonstration",
+    "Forest",
+    "Shipped",
+    "candidate",
+    "demonstrations",
+    "load",
+    "rounded",
+    "save",
+    "stored",
+    "tree_pool",
+]
 
 _BOX = (0.26, 0.26, 0.09)
+_WIDE = TreeBounds(leaves=(3, 5), radius=(9e-3, 11e-3), bend=4.0, box=_BOX, narrowest=5e-3, length=(5.0, 10.0))
+_ODD = TreeBounds(leaves=(5, 6), radius=(8e-3, 9.5e-3), bend=6.0, box=_BOX, narrowest=4e-3, length=(6.0, 10.0))
+_NARROW = TreeBounds(leaves=(3, 5), radius=(6.5e-3, 8e-3), bend=4.0, box=_BOX, narrowest=4e-3, length=(6.0, 12.0))
 
-BOUNDS = {
-    **dict.fromkeys(
-        ("train", "test"),
-        TreeBounds(leaves=(3, 5), radius=(9e-3, 11e-3), bend=4.0, box=_BOX, narrowest=5e-3, length=(5.0, 10.0)),
-    ),
-    "ood": TreeBounds(leaves=(5, 6), radius=(8e-3, 9.5e-3), bend=6.0, box=_BOX, narrowest=4e-3, length=(6.0, 10.0)),
+
+@dataclass(frozen=True)
+class Forest:
+    """A family of trees, and the rig that it is certified with.
+
+    bounds : what the generator keeps to, by split; out of distribution bends may be twice as sharp as `bend` says
+    arena : the scenario in a tree
+    file : what was admitted
+    """
+
+    bounds: Mapping[str, TreeBounds]
+    arena: Callable[[Lumen], Scenario]
+    file: Path
+
+
+_HERE = Path(__file__).parent
+
+TREES = "Trees"
+"""The forest of NavigateAny and Recover."""
+
+FORESTS = {
+    TREES: Forest({"train": _WIDE, "test": _WIDE, "ood": _ODD}, in_tree, _HERE / "trees.npz"),
+    "NarrowTrees": Forest({"train": _NARROW, "test": _NARROW}, in_narrow_tree, _HERE / "narrow_trees.npz"),
+    "TreesInField": Forest({"train": _WIDE, "test": _WIDE}, in_tree_with_coils, _HERE / "trees_in_field.npz"),
 }
-"""What the generator keeps to, by split; out of distribution bends may be twice as sharp as `bend` says."""
+"""The forests by the name that a task's pool has."""
 
 _PER_SEED = 1_000_000
 """Number of the generator's trees that belong to one seed of the pool."""
 
 _SPARE = 0.02
 """m of wire that is left when the tip stands at the end of the farthest branch."""
-
-_FILE = Path(__file__).with_name("trees.npz")
 
 _FULL = 127
 """What a number of an action is stored as, a whole number from −127 to 127, is this many times itself."""
@@ -110,44 +144,49 @@ def stored(actions: np.ndarray) -> np.ndarray:
     return np.rint(_FULL * actions).astype(np.int8)
 
 
-def candidate(split: str, number: int, seed: int = 0) -> Scenario | None:
+def candidate(split: str, number: int, seed: int = 0, forest: str = TREES) -> Scenario | None:
     """The scenario of a tree that may or may not be certified; None where the wire is too short for a branch.
 
-    split : "train", "test" or "ood"
+    split : "train", "test" or, of `TREES`, "ood"
     number, seed : of the tree, and of the pool; pools of different seeds share no tree
+    forest : of `FORESTS`
     """
-    one_of("split", split, SPLITS)
-    tree = grow(_PER_SEED * whole("seed", seed, 0) + whole("number", number, 0), split, "vessels", BOUNDS[split])
+    of = FORESTS[one_of("forest", forest, tuple(FORESTS))]
+    bounds = of.bounds[one_of("split", split, tuple(of.bounds))]
+    tree = grow(_PER_SEED * whole("seed", seed, 0) + whole("number", number, 0), split, "vessels", bounds)
     if max(tree.length_of(name) for name in tree.leaves) > WIRE_IN_TREES - _SPARE:
         return None
-    return in_tree(tree)
+    return of.arena(tree)
 
 
 @lru_cache(maxsize=16)
-def tree_pool(split: str = "train", size: int = 64, seed: int = 0) -> tuple[Scenario, ...]:
+def tree_pool(split: str = "train", size: int = 64, seed: int = 0, forest: str = TREES) -> tuple[Scenario, ...]:
     """`size` certified scenarios; where fewer are shipped they come round again.
 
-    split : "train", "test" or "ood"
+    split : "train", "test" or, of `TREES`, "ood"
     size : a smaller pool is the beginning of a larger one
     seed : 0, or 1 with the split "train": trees that choose among policies while they train
+    forest : of `FORESTS`
 
     Raises `ValueError` for a split and seed of which none are shipped.
     """
-    size, found = whole("size", size, 1), _shipped(split, seed)
-    once = [candidate(split, int(number), seed) for number in found.numbers[:size]]
+    size, found = whole("size", size, 1), _shipped(split, seed, forest)
+    once = [candidate(split, int(number), seed, forest) for number in found.numbers[:size]]
     made = [sc for sc in once if sc is not None]
     return tuple(made[i % len(made)] for i in range(size))
 
 
-def demonstrations(split: str = "train", index: int = 0, seed: int = 0) -> tuple[Demonstration, ...]:
+def demonstrations(
+    split: str = "train", index: int = 0, seed: int = 0, forest: str = TREES
+) -> tuple[Demonstration, ...]:
     """The runs that certify scenario `index` of `tree_pool`: from the inlet into every dead end, then from 30 mm inside
     every wrong branch of each of these ways.
 
     >>> [run.target for run in demonstrations("test", 0) if run.start == "inlet"]
     ['b3', 'b4', 'b6', 'b7', 'b8']
     """
-    found = _shipped(split, seed)
-    scenario = tree_pool(split, 1 + whole("index", index, 0), seed)[-1]
+    found = _shipped(split, seed, forest)
+    scenario = tree_pool(split, 1 + whole("index", index, 0), seed, forest)[-1]
     names = [branch.name for branch in scenario.tree.branches]
     return tuple(
         Demonstration(names[target], "inlet" if start < 0 else (names[start], depth), actions)
@@ -155,7 +194,7 @@ def demonstrations(split: str = "train", index: int = 0, seed: int = 0) -> tuple
     )
 
 
-def load(file: Path = _FILE) -> dict[str, Shipped]:
+def load(file: Path = FORESTS[TREES].file) -> dict[str, Shipped]:
     """What a file holds, by "split-seed"."""
     with np.load(file, allow_pickle=False) as stored:
         names = sorted({key.partition("/")[0] for key in stored.files})
@@ -165,7 +204,7 @@ def load(file: Path = _FILE) -> dict[str, Shipped]:
         }
 
 
-def save(sets: dict[str, Shipped], file: Path = _FILE) -> None:
+def save(sets: dict[str, Shipped], file: Path = FORESTS[TREES].file) -> None:
     """Write a file that `load` reads."""
     np.savez_compressed(
         file,
@@ -173,13 +212,11 @@ def save(sets: dict[str, Shipped], file: Path = _FILE) -> None:
     )
 
 
-@lru_cache(maxsize=1)
-def _all() -> dict[str, Shipped]:
-    return load()
+_loaded = lru_cache(maxsize=len(FORESTS))(load)
 
 
-def _shipped(split: str, seed: int) -> Shipped:
-    sets = _all()
+def _shipped(split: str, seed: int, forest: str) -> Shipped:
+    sets = _loaded(FORESTS[one_of("forest", forest, tuple(FORESTS))].file)
     name = f"{one_of('split', split, SPLITS)}-{whole('seed', seed, 0)}"
     if name not in sets:
         raise ValueError(f"split and seed must be of certified trees, {', '.join(sets)}; got {name}")

@@ -21,7 +21,7 @@ from magwire_env.scenario import ActuatedMagnet, Rig, Slide, Turn
 from magwire_env.simulation import drive_at
 
 IDS = magwire_env.TASK_IDS
-SMALL = {env_id: {"pool_size": 2} for env_id in ("MagWire/NavigateAny-v0", "MagWire/Recover-v0")}
+SMALL = {f"MagWire/{name}-v0": {"pool_size": 2} for name in ("NavigateAny", "Recover", "Gentle", "Uniform")}
 """A tree's wall takes a second or two to make, and tests begin with none."""
 
 

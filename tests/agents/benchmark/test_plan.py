@@ -7,6 +7,7 @@ import json
 import pytest
 
 from agents.benchmark import cells as kinds
+from agents.benchmark.free import FREE_ARENAS, FREE_LEARNERS
 from agents.benchmark.plan import ARENAS, LEARNERS, Plan
 from agents.catalogue import CONTROLLERS, NOT_OF_TRACTS
 from magwire_env.envs.task import TASKS
@@ -14,7 +15,7 @@ from magwire_env.envs.task import TASKS
 
 def test_the_newest_version_of_every_task_with_a_par_is_an_arena():
     old = {f"MagWire/{name}-v0" for name in ("Steer", "Reach", "Track", "SteerAny", "Orient", "Chase", "Dual")}
-    free = {f"MagWire/{name}-v0" for name in ("SteerFree", "Shape", "Navigate", "NavigateAny", "Recover")}
+    free = {arena.task for arena in FREE_ARENAS}
     assert {arena.task for arena in ARENAS} == set(TASKS) - old - free
     by_name = {arena.name: arena for arena in ARENAS}
     assert len(by_name) == len(ARENAS)
@@ -49,6 +50,18 @@ def test_every_policy_meets_every_arena():
         if arena.controllers is None:
             met = {cell.policy for cell in cells if cell.arena == arena.name and cell.kind in ("evaluate", "par")}
             assert met >= set(CONTROLLERS) - set(NOT_OF_TRACTS), arena.name
+
+
+def test_every_task_of_a_free_wire_is_an_arena_of_theirs():
+    free = {"SteerFree", "Shape", "Navigate", "NavigateAny", "Recover", "Gentle", "Uniform"}
+    assert {arena.task for arena in FREE_ARENAS} == {f"MagWire/{name}-v0" for name in free}
+    cells = Plan(FREE_ARENAS, FREE_LEARNERS, {}).cells()
+    assert {cell.kind for cell in cells} == {"train", "evaluate"}
+    for arena in FREE_ARENAS:
+        met = {cell.policy for cell in cells if cell.arena == arena.name and cell.kind == "evaluate"}
+        assert met == {*(arena.controllers or ()), "ppo"}
+        assert arena.reference in met
+        assert arena.name not in {one.name for one in ARENAS}
 
 
 @pytest.mark.parametrize("name", ["episodes", "timesteps", "seeds"])

@@ -1,0 +1,35 @@
+"""The benchmark of free wires: its arenas and learners. They have no par, so times are given over a reference's."""
+
+from __future__ import annotations
+
+from .plan import Arena, Learner
+
+__all__ = ["FREE_ARENAS", "FREE_LEARNERS"]
+
+_FLOORS = ("Forward", "Hold", "Random", "untrained")
+_IN_TREES = ("FollowRoute", "RecoverRoute", *_FLOORS)
+_STILL = ("HoldHome", "ConstantRotation", "Random", "untrained")
+
+
+def _tree(name: str, task: str, reference: str = "FollowRoute", **settings: str) -> Arena:
+    return Arena(name, task, episodes=100, controllers=_IN_TREES, reference=reference, **settings)  # type: ignore[arg-type]
+
+
+FREE_ARENAS: tuple[Arena, ...] = (
+    _tree("Navigate", "MagWire/Navigate-v0"),
+    _tree("NavigateAny", "MagWire/NavigateAny-v0", split="test"),
+    _tree("NavigateAny ood", "MagWire/NavigateAny-v0", split="ood", models="NavigateAny"),
+    _tree("Recover", "MagWire/Recover-v0", "RecoverRoute", split="test"),
+    _tree("Gentle", "MagWire/Gentle-v0", split="test"),
+    _tree("Uniform", "MagWire/Uniform-v0", split="test"),
+    Arena(
+        "SteerFree", "MagWire/SteerFree-v0", episodes=100, controllers=("MaxForce", "NetForce", *_STILL),
+        reference="MaxForce",
+    ),
+    Arena(
+        "Shape", "MagWire/Shape-v0", episodes=100, controllers=("InverseShape", *_STILL), reference="InverseShape"
+    ),
+)  # fmt: skip
+"""An arena for every task of a free wire, and the trees out of distribution."""
+
+FREE_LEARNERS: tuple[Learner, ...] = (Learner("ppo", tuple(a.name for a in FREE_ARENAS if a.models is None), 3),)
