@@ -89,7 +89,7 @@ def _begun(run: Run) -> tuple[BaseAlgorithm, Progress]:
         model = progress.model = _of_an_earlier_version(run, venv)
     elif run.resume:
         note(f"{run.folder} was stopped before its first checkpoint, and begins again")
-    if lesson is not None and not model.num_timesteps:
+    if lesson is not None and newest is None and not model.num_timesteps:
         off = imitate(model, **lesson)
         note(f"imitated {lesson['teacher']} for {lesson['steps']} steps: root mean square error {off:.2f}")
     model.set_logger(configure(str(run.folder / "tensorboard"), ["tensorboard"]))
