@@ -109,7 +109,7 @@ class Run:
         for name in ("threads", "evaluations", "episodes"):
             config.whole(name, 1)
         asked = config.get("scenario", str, type(None))
-        settings.whole("n_envs", 1), settings.whole("n_timesteps", 1)
+        settings.whole("n_envs", 1), settings.whole("n_timesteps", 0 if "imitate" in settings.tree else 1)
         for block in ("env", "training_env"):
             if block in settings.tree:
                 settings.env(block)

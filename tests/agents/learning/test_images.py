@@ -123,19 +123,22 @@ def test_a_run_trains_on_images_is_evaluated_and_loaded_again(tmp_path, monkeypa
     assert found.steps.tolist() == [5, 5]
 
 
-def test_its_recipe_sees_an_image_alone_and_learns_from_numbers(tmp_path, monkeypatch):
+def test_its_recipe_sees_an_image_alone_and_learns_from_numbers(tmp_path, monkeypatch, capsys):
     """As `magwire train --algorithm sees_ppo`, at a small size: what it saves sees the image, and no number."""
     navigate = hyperparameters("sees_ppo", "MagWire/Navigate-v0")
     assert [set(part) for part in navigate["env"]["observe"]] == [{"size"}]
-    assert navigate["imitate"]["teacher"] == "RecoverRoute"
+    assert (navigate["imitate"]["teacher"], navigate["n_timesteps"]) == ("FollowRoute", 0)
     lesson = {"imitate": {"teacher": "MaxForce", "steps": 512, "rounds": 2, "epochs": 1}}
-    found = hyperparameters("sees_ppo", ID) | lesson | {"n_steps": 8, "batch_size": 32}
+    found = hyperparameters("sees_ppo", ID) | lesson | {"n_steps": 8, "batch_size": 32, "n_timesteps": 0}
     monkeypatch.setattr("agents.learning.run.hyperparameters", lambda *_: dict(found))
     monkeypatch.setattr("agents.learning.training.VALIDATION_EPISODES", 2)
-    asked = {"run": tmp_path / "run", "timesteps": 64, "n_envs": 8, "evaluations": 1, "progress": False}
+    asked = {"run": tmp_path / "run", "n_envs": 8, "evaluations": 1, "progress": False}
     assert learn(Run.open(Config(task=ID, algorithm="sees_ppo", **asked)))
     policy = load(tmp_path / "run")
     assert (policy.image, policy.size, policy.about.channels) == ((1, 48, 48), 0, ())
+    assert "imitated MaxForce" in capsys.readouterr().err
+    assert learn(Run.open(Config(task=ID, algorithm="sees_ppo", resume=True, **asked)))
+    assert "imitated" not in capsys.readouterr().err
     assert evaluate(policy, ID, 2, time_limit=0.5, **policy.env_settings).steps.tolist() == [5, 5]
 
 
