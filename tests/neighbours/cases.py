@@ -106,7 +106,7 @@ def round_a_cylinder(solver: str, module: Any) -> list[Case]:
     choices = {
         OURS: ((0.1, 1e-2), (0.05, 1e-2), (0.025, 1e-2)),
         "pyelastica": ((0.1, 5e-5), (0.05, 2.5e-5)),
-        "mujoco": ((0.1, 1e-3), (0.05, 5e-4)),
+        "mujoco": ((0.1, 1e-3), (0.05, 1e-3)),
     }[solver]
     return [_round_a_cylinder(solver, module, Cylinder(fine=fine), step) for fine, step in choices]
 

@@ -78,7 +78,7 @@ def pulled_at_the_end(data: Any, model: Any, force: np.ndarray, length: float) -
     mujoco.mj_applyFT(model, data, force, np.zeros(3), point, last, data.qfrc_applied)
 
 
-def drawn_round(scene: Cylinder, step: float, damping: float = 1e-2, armature: float = 1e-4) -> float:
+def drawn_round(scene: Cylinder, step: float, damping: float = 1e-2, armature: float = 1e-3) -> float:
     """T2/T1 over the last fifth of the travel. step : s; damping, armature : see `cable`."""
     rest, start = scene.rest[::-1], scene.start[::-1]
     soft = f'solref="{2.0 * step:g} 1" solimp="0.99 0.99 0.001" friction="{scene.friction:g} 0 0"'
