@@ -6,7 +6,6 @@ python -m agents.cli.pictures docs/pictures          # this is what `make pictur
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ import magwire_env  # noqa: F401  (registers the ids)
 from agents.catalogue import CONTROLLERS, PAR, REFERENCE, compared_with, has_par, resolve
 from agents.env_kwargs import world
 from agents.evaluation.episodes import EVALUATION_SEED, built, episodes
-from agents.learning.demonstrations import played
 from magwire_env.envs.fluoroscopy import Fluoroscopy
 from magwire_env.plotting import BLACK, BLUE, GREEN, ORANGE, RED, SKY, blank, broken, styled
 from magwire_env.render.dofs import dofs_of
@@ -29,13 +27,10 @@ from magwire_env.render.snapshot import Snapshot, place_name, snapshots
 from magwire_env.scenario import Scenario
 from magwire_env.simulation.model import supports
 
-__all__ = ["Trace", "film", "fluoroscopy", "leave_in", "plots", "seen", "trace"]
+__all__ = ["Trace", "film", "fluoroscopy", "leave_in", "plots", "trace"]
 
 _IN_A_TREE = EVALUATION_SEED + 3
 """Seed of the README's episode in a tree of the test split."""
-
-_EACH_TARGET = tuple(EVALUATION_SEED + i for i in (6, 0, 1, 3, 4))
-"""Seeds of episodes of Navigate-v0, one for each dead end of the arch."""
 
 _LAST_FRAME = 1.0
 """Time for which the last frame of a video is shown, s."""
@@ -252,27 +247,6 @@ def fluoroscopy(path: Path, enlarged: int = 3) -> None:
     image.fromarray(row.repeat(enlarged, axis=0).repeat(enlarged, axis=1)).save(path, optimize=True)
 
 
-def seen(policy: Any, path: Path, task: str, seeds: Sequence[int], enlarged: int = 4, **settings: Any) -> None:
-    """Write as .gif, in real time, the images that a policy looked at in the episodes of `seeds`, side by side.
-
-    enlarged : px of the GIF that a pixel of an image gets, along each side
-    """
-    image = need("PIL.Image", "a GIF")
-    env = gym.make(task, **settings)
-    player = built(policy, env)
-    taken = [played(env, player, seed).observations["image"][:, 0] for seed in seeds]
-    period = env.unwrapped.core.sim.control_period  # type: ignore[attr-defined]
-    env.close()
-    most = max(map(len, taken))
-    gap = np.full((most, taken[0].shape[1], 2), 255, dtype=np.uint8)
-    columns = [part for one in taken for part in (one[np.minimum(np.arange(most), len(one) - 1)], gap)][:-1]
-    frames = np.concatenate(columns, axis=2).repeat(enlarged, axis=1).repeat(enlarged, axis=2)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    durations = [round(1000 * period)] * (most - 1) + [round(2000 * _LAST_FRAME)]
-    pictures = [image.fromarray(frame) for frame in frames]
-    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=durations, loop=0, optimize=True)
-
-
 def main(folder: Path) -> None:
     """README's pictures, a learned policy in a tree and the paper's own one on its tract, and the guide's images."""
     learned = resolve("trained/NavigateAny-v0", split="test", env_kwargs=("pool_size=8",))
@@ -282,9 +256,6 @@ def main(folder: Path) -> None:
     print(folder / "steering.gif")
     fluoroscopy(folder / "fluoroscopy.png")
     print(folder / "fluoroscopy.png")
-    sees = resolve("trained/Navigate-v0-sees_ppo")
-    seen(sees.policy, folder / "seeing.gif", sees.task, _EACH_TARGET, **sees.settings)
-    print(folder / "seeing.gif")
 
 
 if __name__ == "__main__":

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import sys
 
-import gymnasium as gym
-import numpy as np
-import PIL.Image
 import pytest
 
 from agents.catalogue import CONTROLLERS
 from agents.cli.main import main as magwire
-from agents.cli.pictures import _beside, plots, seen, trace
+from agents.cli.pictures import _beside, plots, trace
 from agents.cli.train import train
 from agents.controllers import MaxForce
 from agents.learning.config import Config
-from agents.learning.demonstrations import played
 from magwire_env import Scenario
 from magwire_env.envs.task import TASKS
 
@@ -51,21 +47,6 @@ def test_training_without_the_extra_says_so_in_one_line(drawn, monkeypatch, caps
     last = capsys.readouterr().out.strip().splitlines()[-1]
     assert last == "no video: rendering needs pygame-ce: pip install 'magwire-env[view]'"
     assert not (drawn / "episode.mp4").exists()
-
-
-def test_what_a_policy_saw_is_shown_as_it_saw_it(tmp_path):
-    """Episodes stand side by side; the shorter one's last image stays until the other has ended."""
-    observe, path = ({"size": 36}, "tip_arclength", "tip_speed", "magnet", "distance_left"), tmp_path / "seen.gif"
-    seen(MaxForce.from_env, path, "MagWire/Steer-v0", (0, 1), enlarged=2, observe=observe)
-    env = gym.make("MagWire/Steer-v0", observe=observe)
-    takes = [played(env, MaxForce.from_env(env), seed).observations["image"][:, 0] for seed in (0, 1)]
-    assert len(takes[0]) != len(takes[1])
-    last = np.hstack([takes[0][-1], np.full((36, 2), 255), takes[1][-1]])
-    with PIL.Image.open(path) as shown:
-        assert (shown.width, shown.height) == (2 * (36 + 2 + 36), 2 * 36)
-        assert np.array_equal(np.asarray(shown.convert("L"))[::2, :72:2], takes[0][0])
-        shown.seek(shown.n_frames - 1)
-        assert np.array_equal(np.asarray(shown.convert("L"))[::2, ::2], last)
 
 
 def test_plot_and_video_of_a_run(drawn, tmp_path, capsys):
