@@ -17,7 +17,7 @@ import operator
 
 from llvmlite import ir
 from numba import njit
-from numba.core import cgutils, config, types
+from numba.core import cgutils, codegen, config, types
 from numba.core.errors import TypingError
 from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
@@ -29,8 +29,15 @@ __all__ = [
     "row", "rsqrt", "sin_cos", "spread", "sqrt", "store", "where",
 ]  # fmt: skip
 
-LANES = 16
-"""Wires in a block."""
+
+def _has_avx512() -> bool:
+    """Whether kernels are compiled for a processor whose registers hold 8 numbers, and are 32."""
+    features = codegen.get_host_cpu_features() if config.CPU_FEATURES is None else config.CPU_FEATURES
+    return "+avx512f" in features
+
+
+LANES = 16 if _has_avx512() else 4
+"""Wires in a block: two registers' width with AVX-512. Elsewhere one register's, since 16 registers hold few values."""
 
 _FAST = ("contract", "nsz", "arcp")
 _DOUBLES = ir.VectorType(ir.DoubleType(), LANES)

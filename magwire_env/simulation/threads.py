@@ -16,9 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from .lanes import LANES
+
 __all__ = ["cores", "share_out"]
 
-_BLOCKS_A_THREAD = 4
+_BLOCKS_A_THREAD = 64 // LANES
 """Fewest blocks worth a thread: below, waking it costs more than it saves."""
 
 _jobs: SimpleQueue | None = None

@@ -53,7 +53,7 @@ def replayed(
     scenario: Scenario, lanes: int, commands: np.ndarray, start: float | None = None, threads: int = 2
 ) -> Case:
     """A case that steps a batch through commands (periods, dof) from its start, all lanes with small differences."""
-    sim = Simulator(scenario, lanes, threads=min(threads, max(1, lanes // 16)))
+    sim = Simulator(scenario, lanes, threads=min(threads, max(1, lanes // LANES)))
     spread = lane_factors(lanes, commands.shape[1])
 
     def case() -> tuple[int, float]:
@@ -85,7 +85,7 @@ def accuracy(size: Size) -> str:
         )  # fmt: skip
     return table(
         ("scene", "segments", "steps", "tip, max", "wall force, rms of peak", "peak", "failed", "passes",
-         "evaluations a lane and period", "of the slowest lane of 16"), rows,
+         "evaluations a lane and period", f"of the slowest lane of {LANES}"), rows,
     )  # fmt: skip
 
 
