@@ -26,7 +26,7 @@ from ..lanes import (
     where,
 )
 from .bricks import depth_in_bricks
-from .layout import ALONG, FOUND, GRID_NX, LAGGED, ROW, TABLE_STRIDE
+from .layout import ALONG, FOUND, GRID_NX, KEPT, LAGGED, ROW, TABLE_STRIDE
 from .vectors import (
     add6,
     apply6,
@@ -57,14 +57,17 @@ def cubic(table, row, field, u):
 
 
 @inlined
-def tube(table, foot, at, spacing, x, moves):
+def tube(table, foot, at, spacing, x, moves, taken, work, load_at):
     """Depth −φ of a point in the wall, its gradient, and the inverse of its distance from its foot.
 
     Also returns 1 where the wall closes round the point, −1 where it is an obstacle, and the centreline's direction.
-    The foot moves along by a Newton step (and, in lanes where `moves` holds, stays there): the depth is stationary in
-    it, so its error is second order in what is left.
+    The foot moves along by a Newton step, from the iterate's foot where the last trial was refused (and, in lanes where
+    `moves` holds not, stays there): the depth is stationary in it, so its error is second order in what is left.
     """
-    row, u = load(foot, at + ROW), load(foot, at + ALONG)
+    row = where(taken, load(foot, at + ROW), load(work, load_at + KEPT))
+    u = where(taken, load(foot, at + ALONG), load(work, load_at + KEPT + LANES))
+    store(work, load_at + KEPT, row)
+    store(work, load_at + KEPT + LANES, u)
     first = TABLE_STRIDE * row
     cx, tx, kx = cubic(table, first, 0, u)
     cy, ty, ky = cubic(table, first, 4, u)
@@ -125,6 +128,7 @@ def touch(
     exact,
     taken,
     moves,
+    foresees,
 ):
     """Wall and friction at one contact point.
 
@@ -133,16 +137,18 @@ def touch(
     stiffness : N/m, the wall's times the length the point stands for; slow : m, the stick speed times the step
     taken : whether the last trial became the iterate, whose load is then the friction's
     moves : whether the lane moves at all; else its foot stays
+    foresees : where a point that the trial before pressed into the wall counts as one that the wall holds
 
     Returns the energies with the lagged and with the present load, the normal force, the gradient, the Hessian, the
-    gradient by the spin, its own second derivative and its mixed ones with x.
+    gradient by the spin, its own second derivative and its mixed ones with x; the part of the normal force that the
+    iterate has not, and what foreseen contacts add to the gradient.
     """
     depth, normal, inv, sign, along = spread(0.0), zero3(), spread(0.0), spread(1.0), t
     bend = zero6()
     in_bricks = load(par, GRID_NX) > 0.0
     in_tube = load(par, GRID_NX) <= 0.0
     if anywhere(in_tube):
-        depth, normal, inv, sign, along = tube(table, foot, at, spacing, x, moves)
+        depth, normal, inv, sign, along = tube(table, foot, at, spacing, x, moves, taken, work, load_at)
     if len(grid) > 0 and anywhere(in_bricks):
         deep, towards, bend = depth_in_bricks(grid, par, x)
         depth, normal = where(in_bricks, deep, depth), select3(in_bricks, towards, normal)
@@ -156,17 +162,18 @@ def touch(
     force, energy = spread(0.0), spread(0.0)
     gradient, hessian = zero3(), zero6()
     old, new, by_spin, spin_spin, spin_x = spread(0.0), spread(0.0), spread(0.0), spread(0.0), zero3()
+    foreseen, pull = foresees & (load(work, load_at + FOUND) > 0.0) & (depth <= 0.0), zero3()
+    if anywhere(foreseen):
+        held = where(foreseen, stiffness, 0.0)
+        pull, hessian = times(held * depth, normal), square(held, normal)
     if anywhere(inside | (lagged > 0.0)):
         pressed = where(inside, stiffness, 0.0)
         force = pressed * depth
         energy = 0.5 * force * depth
         gradient = times(force, normal)
         round_ = where(sign > 0.0, force * inv, 0.0)
-        hessian = plus6(
-            diagonal(square(pressed - round_, normal), round_),
-            -round_,
-            square(1.0 / maximum(dot(along, along), 1e-30), along),
-        )
+        hessian = add6(hessian, diagonal(square(pressed - round_, normal), round_))
+        hessian = plus6(hessian, -round_, square(1.0 / maximum(dot(along, along), 1e-30), along))
         hessian = plus6(hessian, where(in_bricks, exact * force, 0.0), bend)
         old, new = energy, energy
         if anywhere(friction > 0.0):
@@ -191,4 +198,5 @@ def touch(
             spin_x = apply6(h, ring)
             spin_spin = dot(spin_x, ring)
     store(work, load_at + FOUND, force)
-    return old, new, force, gradient, hessian, by_spin, spin_spin, spin_x
+    fresh = where(lagged > 0.0, 0.0, force)
+    return old, new, force, gradient, hessian, by_spin, spin_spin, spin_x, fresh, pull

@@ -78,16 +78,19 @@ WIRE_STRIDE = len(_WIRE.split()) * LANES
 # Over the last period: FAILED steps, EVALUATED potentials, STEPPED steps, RESIDUAL N at most, SUM_WALL N (times the
 #     steps), PEAK_WALL N, of the wall's normal forces
 # BASE_FX … BASE_TQZ : what the base exerts on the wire, N and N·m; ENDED : 1 where a step has just ended
+# FORESEES : which direction is wanted of an evaluation, see `stepper`; REBUILT : how often this iterate was evaluated
+#     once more; BEFORE : m, the largest part of the last full step
 _LANE = """FIRST CELL CELL_REST CELL_START CELL_SPEED CELL_MOVE OUT FEED_GOAL FEED_START FEED_WANT TWIST_WANT
 LEFT LENGTH H
 ENERGY SLOPE ALPHA TRIES TAKEN EXACT SPUN SPUN_START BASE_MX BASE_MY BASE_MZ TIP_MX TIP_MY TIP_MZ
-FAILED EVALUATED STEPPED RESIDUAL SUM_WALL PEAK_WALL BASE_FX BASE_FY BASE_FZ BASE_TQX BASE_TQY BASE_TQZ ENDED"""
+FAILED EVALUATED STEPPED RESIDUAL SUM_WALL PEAK_WALL BASE_FX BASE_FY BASE_FZ BASE_TQX BASE_TQY BASE_TQZ ENDED
+FORESEES REBUILT BEFORE"""
 (
     FIRST, CELL, CELL_REST, CELL_START, CELL_SPEED, CELL_MOVE, OUT, FEED_GOAL, FEED_START, FEED_WANT, TWIST_WANT,
     LEFT, LENGTH, H,
     ENERGY, SLOPE, ALPHA, TRIES, TAKEN, EXACT, SPUN, SPUN_START, BASE_MX, BASE_MY, BASE_MZ, TIP_MX, TIP_MY, TIP_MZ,
     FAILED, EVALUATED, STEPPED, RESIDUAL, SUM_WALL, PEAK_WALL, BASE_FX, BASE_FY, BASE_FZ, BASE_TQX, BASE_TQY, BASE_TQZ,
-    ENDED,
+    ENDED, FORESEES, REBUILT, BEFORE,
 ) = _fields(_LANE)  # fmt: skip
 LANE_SIZE = len(_LANE.split()) * LANES
 
@@ -121,6 +124,7 @@ MARKS = 8
 """Numbers of a mark: the tip's place, that of the node before it, and the row and the way along it of the tip's foot;
 the rig's degrees of freedom follow."""
 
-# Of a contact point in the workspace: its load and its normal, for friction, as lagged and as found.
-LAGGED, FOUND = 0, 4 * LANES
-LOAD_STRIDE = 8 * LANES
+# Of a contact point in the workspace: its load and its normal, for friction, as lagged and as found, and the iterate's
+# foot.
+LAGGED, FOUND, KEPT = 0, 4 * LANES, 8 * LANES
+LOAD_STRIDE = 10 * LANES

@@ -70,8 +70,9 @@ def first_of(mask, value, v):
 
 @inlined
 def trial(node, work, i, alpha):
-    """Where the node is tried."""
-    return plus(load3(node, i * at.NODE_STRIDE + at.X), alpha, load3(work, i * at.WORK_STRIDE + at.MOVE))
+    """Where the node is tried; a move of no length counts as none, whatever its direction is."""
+    x = load3(node, i * at.NODE_STRIDE + at.X)
+    return select3(alpha > 0.0, plus(x, alpha, load3(work, i * at.WORK_STRIDE + at.MOVE)), x)
 
 
 @inlined
@@ -138,18 +139,20 @@ def evaluate(
     """The potential at the trial x + α move, and the elimination of its Newton system.
 
     Returns the energies with the lagged and the new friction loads, the largest gradient of a coordinate that is free
-    (of a spin, over its segment's length), the Newton decrement gᵀH⁻¹g, the sum of the wall's normal forces.
+    (of a spin, over its segment's length), the Newton decrement gᵀH⁻¹g, the sum of the wall's normal forces, and the
+    part of it that is of contacts which the iterate has not.
     """
     tip = node.shape[0] // at.NODE_STRIDE - 1
     zero, one = spread(0.0), spread(1.0)
     alpha, h, exact = load(lane, at.ALPHA), load(lane, at.H), load(lane, at.EXACT)
     first, taken, moves = load(lane, at.FIRST), load(lane, at.TAKEN) > 0.5, load(lane, at.LEFT) > 0.0
+    foresees = (load(lane, at.FORESEES) > 0.5) & (load(lane, at.FORESEES) < 2.5)
     fed, slow = load(par, at.FED) > 0.5, load(par, at.STICK) * h
     friction, spacing = load(par, at.FRICTION), load(par, at.SPACING)
     wall = load(par, at.WALL) * (1.0 / points)
     loose = where(fed | (load(par, at.BASE_CLAMPED) > 0.0), 0.0, 0.5)  # a base that nothing holds touches the wall
-    cell = load(lane, at.CELL) + alpha * load(lane, at.CELL_MOVE)
-    old, new, worst, decrement, pressed = zero, zero, zero, zero, zero
+    cell = load(lane, at.CELL) + where(alpha > 0.0, alpha * load(lane, at.CELL_MOVE), 0.0)
+    old, new, worst, decrement, pressed, fresh = zero, zero, zero, zero, zero, zero
 
     base_force, base_torque = zero3(), zero3()
     # The window; r… the gradient itself, f… the wall's force.
@@ -197,7 +200,7 @@ def evaluate(
         if spin is not None:
             base = sub(load3(node, (i + 1) * at.NODE_STRIDE + at.X), load3(node, i * at.NODE_STRIDE + at.X))
             base = times(rsqrt(maximum(dot(base, base), 1e-24)), base)
-            turn_move = alpha * load(work, ob + at.TURN_MOVE)
+            turn_move = where(alpha > 0.0, alpha * load(work, ob + at.TURN_MOVE), 0.0)
             m = turned(transported(load3(spin, i * at.SPIN_STRIDE + at.MX), base, w), w, turn_move)
             store3(work, ob + at.M1, m)
             turn = load(work, ob + at.TURN) + turn_move
@@ -247,7 +250,7 @@ def evaluate(
         if spin is not None:
             spun = turn
         away, radius = where(active, wall, 0.0), load(wire, o + at.RADIUS)
-        fc = zero3()
+        fc, pull_b, pull_c = zero3(), zero3(), zero3()
         start_b = load3(work, ob + at.START)
         start_e = sub(load3(work, oc + at.START), start_b)
         for k in range(points):
@@ -255,12 +258,13 @@ def evaluate(
             weight = rest
             if k == 0:
                 weight = where(begins, loose * rest, 0.5 * (rest_below + rest))
-            t_old, t_new, force, g, hx, g_spin, h_spin, x_spin = touch(
+            t_old, t_new, force, g, hx, g_spin, h_spin, x_spin, unknown, pull = touch(
                 table, grid, par, foot, (i * points + k) * at.FOOT_STRIDE, (i * points + k) * at.LOAD_STRIDE, loads,
                 plus(xb, a, e), plus(start_b, a, start_e), w, radius, spun, away * weight, friction, slow, spacing,
-                exact, taken, moves,
+                exact, taken, moves, foresees,
             )  # fmt: skip
-            old, new, pressed = old + t_old, new + t_new, pressed + force
+            old, new, pressed, fresh = old + t_old, new + t_new, pressed + force, fresh + unknown
+            pull_b, pull_c = plus(pull_b, 1.0 - a, pull), plus(pull_c, a, pull)
             db, dc = plus(db, 1.0 - a, g), plus(dc, a, g)
             fb, fc = plus(fb, a - 1.0, g), plus(fc, -a, g)
             hbb, hcc = plus6(hbb, (1.0 - a) * (1.0 - a), hx), plus6(hcc, a * a, hx)
@@ -322,8 +326,9 @@ def evaluate(
                 tb = first_of(leaves, by * jt, tb)
 
         old, new = old + energy, new + energy
-        ga, gb, gc = add(ga, da), add(gb, db), add(gc, dc)
-        ra, rb, rc = add(ra, da), add(rb, db), gc
+        ga, gb = add(ga, da), add(gb, add(db, select3(leaves, zero3(), pull_b)))
+        ra, rb, rc = add(ra, da), add(rb, db), add(gc, dc)
+        gc = add(rc, pull_c)
         aa, ab, ac = add6(aa, haa), add9(ab, hab), hac
         bb, bc, cc = add6(bb, hbb), hbc, add6(cc, hcc)
 
@@ -369,17 +374,17 @@ def evaluate(
         gs, qs, ss = gs - torque, qs - torque, ss + twisting
         sa, sb = sub(sa, ses), add(sb, ses)
     start = load3(work, ob + at.START)
-    t_old, t_new, force, g, hx, g_spin, h_spin, x_spin = touch(
+    t_old, t_new, force, g, hx, g_spin, h_spin, x_spin, unknown, pull = touch(
         table, grid, par, foot, tip * points * at.FOOT_STRIDE, tip * points * at.LOAD_STRIDE, loads, xb, start, u,
         load(wire, (tip - 1) * at.WIRE_STRIDE + at.RADIUS), spun,
         wall * (0.5 * rest_below) + load(par, at.WALL) * load(par, at.TIP_CAP), friction, slow, spacing, exact,
-        taken, moves,
+        taken, moves, foresees,
     )  # fmt: skip
-    old, new, pressed = old + energy + t_old, new + energy + t_new, pressed + force
+    old, new, pressed, fresh = old + energy + t_old, new + energy + t_new, pressed + force, fresh + unknown
     if spin is not None:
         gs, qs, ss, sb = gs + g_spin, qs + g_spin, ss + h_spin, add(sb, x_spin)
     ga, ra = sub(ga, ge), sub(ra, ge)
-    gb, rb = add(gb, add(ge, g)), add(rb, add(ge, g))
+    gb, rb = add(gb, add(ge, add(g, pull))), add(rb, add(ge, g))
     fb = sub(fb, g)
     aa, ab, bb = add6(aa, jee), sub9(ab, full(1.0, jee)), add6(bb, add6(jee, hx))
     worst = largest(worst, ra, load3(wire, (tip - 1) * at.WIRE_STRIDE + at.HOLD_X))
@@ -407,4 +412,4 @@ def evaluate(
     )
     store3(lane, at.BASE_FX, base_force)
     store3(lane, at.BASE_TQX, base_torque)
-    return old, new, worst, decrement + part, pressed
+    return old, new, worst, decrement + part, pressed, fresh

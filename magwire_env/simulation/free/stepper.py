@@ -5,6 +5,12 @@ and a lane whose step has converged begins its next one while others still searc
 the most evaluations over the *period*, not for the slowest lane of every step; and a lane's course never depends on
 its neighbours.
 
+A direction from contacts alone that the iterate has leads far into the wall wherever one more point would meet it. So
+the points that were pressed at the evaluation before count as held, at first those that the wire comes with; and where
+a trial is refused that met the wall at new points, the direction is sought anew from the same iterate with these points
+held, too. A held point that is not in the wall adds the spring between it and the wall to the Newton system, and
+nothing to the potential: what is accepted is still judged by the potential alone.
+
 A trial is taken only if it does not raise the potential (Armijo's rule). Where what there is to gain is lost in the
 potential's rounding, the forces judge instead: they must have come much nearer to balance (the approximate rule of
 Hager and Zhang). A step that has not converged within its patience is begun again at half its length, down to a 64th of
@@ -19,6 +25,7 @@ from ...compiled import inlined, kernel
 from ..lanes import LANES, absolute, anywhere, floor, load, maximum, minimum, reciprocal, rsqrt, spread, store, where
 from . import layout as at
 from .elements import transported, turned
+from .judge import HELD_ON, HUGE, WITHOUT, judge
 from .layout import FINEST
 from .magnetics import place_magnets
 from .rod import evaluate
@@ -26,19 +33,14 @@ from .search import search
 from .sleeve import JOIN, SPLIT, regrid
 from .vectors import dot, load3, plus, select3, store3, sub, times, zero3
 
-ARMIJO = 1e-4
-NOISE, LEAST_MOVE = 1e-13, 1e-9
-"""What rounding may raise the potential by: this share of it, and the force tolerance times this way (m)."""
+SOON = 4.0
+"""A correction below so many times the tolerance may be the last one, if by the last two the next would be below it."""
 
-HIDDEN, NEARER = 1e-11, 0.25
-"""Share of the potential that rounding may hide, and what must be left of the Newton decrement where it does."""
+FAR = 1e3
+"""A direction that is longer than so many moves, or that rises, is sought anew without contacts that are only held."""
 
 MOST_SHRINK = 0.8
 """Share of its length that the cell may lose in one move: the energy of a cell of negative length has no minimum."""
-
-HUGE = 1e300
-REFUSED = 1e3
-"""J, an energy that even a step's first trial may not have: a point is far outside the wall."""
 
 
 @inlined
@@ -163,29 +165,6 @@ def cell_room(cell, move):
     return where(move < 0.0, MOST_SHRINK * cell * reciprocal(maximum(-move, 1e-12)), 1.0)
 
 
-@inlined
-def judge(old, new, worst, decrement, par, lane, running):
-    """Whether the trial is taken, and whether it balances the forces."""
-    alpha, slope, tries = load(lane, at.ALPHA), load(lane, at.SLOPE), load(lane, at.TRIES)
-    energy = load(lane, at.ENERGY)
-    noise = NOISE * (absolute(old) + absolute(energy)) + LEAST_MOVE * load(par, at.FORCE_TOLERANCE)
-    hidden = HIDDEN * (absolute(old) + absolute(energy))
-    balances = (old <= energy + hidden) & (decrement <= -NEARER * slope)
-    falls = old <= energy + ARMIJO * alpha * slope + noise
-    taken = running & (falls | balances | ((tries < 0.5) & (old < REFUSED)))
-    rejected = running & (old > -HUGE)
-    # along the parabola through both ends
-    drop = maximum(old - energy - alpha * slope, 1e-300)
-    shorter = minimum(maximum(-0.5 * slope * alpha * alpha / drop, 0.1 * alpha), 0.5 * alpha)
-    store(lane, at.ALPHA, where(taken, 1.0, where(rejected, shorter, 0.1 * alpha)))
-    store(lane, at.ENERGY, where(taken, new, energy))
-    store(lane, at.EXACT, where(taken, where(alpha >= 1.0, 1.0, load(lane, at.EXACT)), where(running, 0.0, 1.0)))
-    store(lane, at.TRIES, where(running, tries + 1.0, tries))
-    store(lane, at.TAKEN, where(taken, 1.0, 0.0))
-    store(lane, at.EVALUATED, load(lane, at.EVALUATED) + where(running, 1.0, 0.0))
-    return taken, taken & (worst <= load(par, at.FORCE_TOLERANCE))
-
-
 @kernel
 def run_block(
     block, points, magnetic, par, wire, lane, node, spin, foot, table, grid, dofs, is_turn, rig, magnets, clouds,
@@ -205,6 +184,7 @@ def run_block(
     store(lane, at.H, longest)
     finish, again, begin = zero > 0.0, zero > 0.0, one > 0.0
     tail = first_active(lane, nodes)
+    starts = True
     while True:
         if anywhere(finish | again | begin):
             h_old = load(lane, at.H)
@@ -218,29 +198,49 @@ def run_block(
                 tail = first_active(lane, nodes)
             actuate(again, begin, par, lane, dofs, is_turn, q, command, h)
             place_magnets(rig, magnets, q, pose)
-            for field, value in ((at.ALPHA, 1.0), (at.EXACT, 1.0), (at.TRIES, 0.0), (at.ENERGY, HUGE), (at.SLOPE, 0.0)):
+            for field, value in (
+                (at.ALPHA, 1.0), (at.EXACT, 1.0), (at.TRIES, 0.0), (at.ENERGY, HUGE), (at.SLOPE, 0.0),
+                (at.FORESEES, HELD_ON), (at.REBUILT, 0.0), (at.BEFORE, HUGE),
+            ):  # fmt: skip
                 store(lane, field, where(begin, value, load(lane, field)))
+            if starts:  # the contacts that the wire comes with
+                store(lane, at.ALPHA, zero)
+                store(lane, at.TAKEN, one)
+                evaluate(
+                    block, tail, points, magnetic, par, wire, lane, node, spin, foot, work, loads, table, grid,
+                    rig, magnets, clouds, cloud_of, sources, pose,
+                )  # fmt: skip
+                store(lane, at.ALPHA, one)
+                starts = False
         running = load(lane, at.LEFT) > 0.0
         if not anywhere(running):
             break
-        old, new, worst, decrement, pressed = evaluate(
+        old, new, worst, decrement, pressed, fresh = evaluate(
             block, tail, points, magnetic, par, wire, lane, node, spin, foot, work, loads, table, grid,
             rig, magnets, clouds, cloud_of, sources, pose,
         )  # fmt: skip
         alpha = load(lane, at.ALPHA)
-        taken, balanced = judge(old, new, worst, decrement, par, lane, running)
+        taken, balanced, anew = judge(old, new, worst, decrement, fresh, par, lane, running)
+        known = taken | anew
         shorter = load(lane, at.ALPHA)
         store(lane, at.ALPHA, alpha)
-        most, cell_move = search(tail, taken, balanced, par, wire, lane, node, spin, work, 1e-3)
+        most, cell_move, slope = search(tail, taken, known, balanced, par, wire, lane, node, spin, work, 1e-3)
         store(lane, at.CELL, load(lane, at.CELL) + where(taken, alpha * load(lane, at.CELL_MOVE), 0.0))
-        store(lane, at.CELL_MOVE, where(taken, where(balanced, 0.0, cell_move), load(lane, at.CELL_MOVE)))
+        store(lane, at.CELL_MOVE, where(known, where(balanced, 0.0, cell_move), load(lane, at.CELL_MOVE)))
         most = maximum(most, absolute(cell_move))
-        store(lane, at.SLOPE, where(taken, -decrement, load(lane, at.SLOPE)))
+        store(lane, at.SLOPE, where(known, slope, load(lane, at.SLOPE)))
+        sound = (slope <= 0.0) & (most <= FAR * load(par, at.MOST_MOVE))
+        rises = where(sound | balanced, 0.0, where(known, 1.0, 0.0)) > 0.5
+        store(lane, at.FORESEES, where(rises, WITHOUT, load(lane, at.FORESEES)))
+        store(lane, at.EXACT, where(rises, 0.0, load(lane, at.EXACT)))
         cut = minimum(one, load(par, at.MOST_MOVE) * reciprocal(maximum(most, 1e-12)))
         cut = minimum(cut, cell_room(load(lane, at.CELL), cell_move))
-        store(lane, at.ALPHA, where(taken, cut, shorter))
+        store(lane, at.ALPHA, where(rises, 0.0, where(known, cut, shorter)))
         # What comes next.
-        done = balanced | (taken & (most <= load(par, at.MOVE_TOLERANCE)))
+        tolerance, before = load(par, at.MOVE_TOLERANCE), load(lane, at.BEFORE)
+        soon = (alpha >= 1.0) & (most <= SOON * tolerance) & (most * most <= 0.5 * tolerance * before)
+        done = balanced | (taken & ((most <= tolerance) | (soon & (fresh <= 0.0))))
+        store(lane, at.BEFORE, where(taken, where(cut >= 1.0, most, HUGE), before))
         length, left = load(lane, at.LENGTH), load(lane, at.LEFT)
         spent = running & (load(lane, at.TRIES) >= load(par, at.PATIENCE))
         spent = where(done, 0.0, where(spent, 1.0, 0.0)) > 0.5
@@ -255,6 +255,7 @@ def run_block(
         store(lane, at.PEAK_WALL, where(finish, maximum(load(lane, at.PEAK_WALL), pressed), load(lane, at.PEAK_WALL)))
         if anywhere(gives_up):
             drop_move(tail, gives_up, lane, work)
+            store(lane, at.TAKEN, where(gives_up, 1.0, load(lane, at.TAKEN)))
         left = where(finish, left - length, left)
         store(lane, at.LEFT, left)
         double = 2.0 * length
@@ -279,7 +280,7 @@ def publish(
     nodes = node.shape[0] // at.NODE_STRIDE
     h = load(par, at.STEP)
     for field, value in (
-        (at.LEFT, 0.0), (at.ALPHA, 0.0), (at.EXACT, 1.0), (at.TAKEN, 1.0), (at.CELL_MOVE, 0.0)
+        (at.LEFT, 0.0), (at.ALPHA, 0.0), (at.EXACT, 1.0), (at.TAKEN, 1.0), (at.CELL_MOVE, 0.0), (at.FORESEES, 0.0)
     ):  # fmt: skip
         store(lane, field, spread(value))
     store(lane, at.H, h)
@@ -293,7 +294,7 @@ def publish(
     for i in range(len(loads) // LANES):
         store(loads, i * LANES, zero)
     place_magnets(rig, magnets, q, pose)
-    _, _, _, _, pressed = evaluate(
+    _, _, _, _, pressed, _ = evaluate(
         block, 0, points, magnetic, par, wire, lane, node, spin, foot, work, loads, table, grid,
         rig, magnets, clouds, cloud_of, sources, pose,
     )  # fmt: skip
