@@ -29,7 +29,8 @@ _ANGLES = 240
 """Number of tabulated magnet angles."""
 
 _MARGIN = 1e-3
-"""Margin on the net force, as a share of the greatest force plus ½ E I κ² of the sharpest bend: about 20 µN."""
+"""Margin on the net force, as a share of the greatest force, ½ E I κ² of the sharpest bend and the friction together: 20
+to 40 µN."""
 
 _TICK = 5e-3
 """Time step of y(t) (5), s; the arc that is within reach at the end of a step counts for the whole step."""
@@ -59,7 +60,8 @@ class Fastest:
         self.commands, force = greatest(self.library, self._entries, self.places, direction)
         bend = 0.5 * scenario.wire.bending_rigidity * float((scenario.tract.curvature(self.places) ** 2).max())
         largest = float(np.abs(force).max())
-        self._margin = _MARGIN * (largest + bend) + self._missing_friction(largest)
+        friction = self._most_friction(largest)
+        self._margin = _MARGIN * (largest + bend + friction) + self._missing_share() * friction
         self.net = force - resistance + self._margin
         stretch = float(np.abs(force).max()) * scenario.wire.length / scenario.wire.axial_rigidity
         step = scenario.timing.control_period / scenario.substeps
@@ -72,15 +74,17 @@ class Fastest:
         force, growth = Tails([self.scenario]).resistance(self._entries, self.places, direction)
         return force + direction * self._bend, growth
 
-    def _missing_friction(self, largest: float) -> float:
-        """Friction that smoothing takes away at the speed `_CREEP`, N (10).
+    def _most_friction(self, largest: float) -> float:
+        """A bound R on the friction of wire and tip, N.
 
         largest : N, greatest force of the magnets, which also bounds what presses the tip on the wall
         """
-        contact = self.scenario.contact
-        missing = 1.0 - _CREEP / float(np.hypot(_CREEP, contact.stick_speed))
         (forth, _), (back, _) = (Tails([self.scenario]).resistance(self._entries, self.places, d) for d in (1, -1))
-        return missing * (0.5 * float((forth + back).max()) + 2.0 * contact.friction * largest)
+        return 0.5 * float((forth + back).max()) + 2.0 * self.scenario.contact.friction * largest
+
+    def _missing_share(self) -> float:
+        """The share of the friction that smoothing takes away at the speed `_CREEP` (10)."""
+        return 1.0 - _CREEP / float(np.hypot(_CREEP, self.scenario.contact.stick_speed))
 
     def least(self, start: float, goal: float, magnet: float | None = None) -> float:
         """Least time from rest at `start` to `goal` (m), s; ∞ where not even the greatest force gets there.

@@ -127,7 +127,7 @@ def test_its_recipe_sees_an_image_alone_and_learns_from_numbers(tmp_path, monkey
     """As `magwire train --algorithm sees_ppo`, at a small size: what it saves sees the image, and no number."""
     navigate = hyperparameters("sees_ppo", "MagWire/Navigate-v0")
     assert [set(part) for part in navigate["env"]["observe"]] == [{"size"}]
-    assert (navigate["imitate"]["teacher"], navigate["n_timesteps"]) == ("RecoverRoute", 0)
+    assert (navigate["imitate"]["teacher"], navigate["n_timesteps"]) == ("FollowRoute", 0)
     lesson = {"imitate": {"teacher": "MaxForce", "steps": 512, "rounds": 2, "epochs": 1}}
     found = hyperparameters("sees_ppo", ID) | lesson | {"n_steps": 8, "batch_size": 32, "n_timesteps": 0}
     monkeypatch.setattr("agents.learning.run.hyperparameters", lambda *_: dict(found))
