@@ -29,8 +29,8 @@ _ANGLES = 240
 """Number of tabulated magnet angles."""
 
 _MARGIN = 1e-3
-"""Margin on the net force, as a share of the greatest force, ½ E I κ² of the sharpest bend and the friction together: 20
-to 40 µN."""
+"""Margin on the net force, as a share of the greatest force, ½ E I κ² of the sharpest bend and the friction together:
+20 to 40 µN."""
 
 _TICK = 5e-3
 """Time step of y(t) (5), s; the arc that is within reach at the end of a step counts for the whole step."""

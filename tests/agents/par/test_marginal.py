@@ -34,10 +34,11 @@ def test_a_ride_below_its_bound_is_a_counterexample():
 
 @pytest.mark.filterwarnings("ignore:scenario")
 @pytest.mark.parametrize(
-    ("number", "friction", "seed", "ride"), [(424, 0.246185302734375, 183, 14.651), (660, 0.233673095703125, 281, 20.879)]
+    ("number", "friction", "seed", "ride"),
+    [(424, 0.246185302734375, 183, 14.651), (660, 0.233673095703125, 281, 20.879)],
 )
 def test_the_rides_that_once_beat_the_bound_keep_to_it(number, friction, seed, ride):
-    """Found by the search with 500 scenarios. Their bounds were 14.682 and 20.944 s while the margin left friction out."""
+    """Found by the search in 500 scenarios. The bounds were 14.682 and 20.944 s without friction in the margin."""
     scenario = candidates("SteerAny", "test", 1, 0, number)[0].replace(contact__friction=friction)
     env = MagWireVectorEnv(1, "MagWire/Steer-v0", scenario=scenario, time_limit=120.0)
     env.reset(seed=1_000_000 + seed)
