@@ -34,7 +34,7 @@ _STYLES: dict[str, tuple[str, str]] = {
     "crossq": ("#EE3377", "--"),
     "stacked_ppo": ("#00B0B0", "--"),
     "knows_ppo": ("#B15928", "--"),
-    "sees_ppo": ("#117733", "--"),
+    "sees_ppo": ("#7A4B00", "--"),
     "robust_ppo": ("#DDAA33", "--"),
     "HoldHome": ("#444444", ":"),
     "BestConstant": ("#2B3A8F", ":"),
