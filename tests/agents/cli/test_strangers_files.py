@@ -219,7 +219,7 @@ def test_a_module_in_front_of_a_runs_task_is_not_imported(command, run, mark, tm
         ({"rollout_buffer_class": "os.system"}, "hyperparameters that make no model"),
         ({"env": {"scenario": "/etc/passwd"}}, "must set only"),
         ({"training_env": {"render_mode": "human"}}, "must set only"),
-        ({"learning_rate": "__import__('os')"}, "learning_rate must be a number or"),
+        ({"learning_rate": "__import__('os')"}, "learning_rate must be a number greater than 0 or"),
         ({"tensorboard_log": "/tmp"}, "hyperparameters that make no model"),
     ],
 )
