@@ -52,8 +52,11 @@ def kernel(function: F) -> F:
 
 
 def precise(function: F) -> F:
-    """As `kernel`, but the compiler may not reorder sums: for code that must be exact to the bit."""
-    return _cached(function, njit(nogil=True, error_model="numpy")(function))
+    """As `kernel`, but the compiler may not reorder sums: for code that must be exact to the bit.
+
+    That is said outright: Numba compiles a function that leaves it open by the flags of the caller that needs it first.
+    """
+    return _cached(function, njit(nogil=True, error_model="numpy", fastmath=False)(function))
 
 
 def inlined(function: F) -> F:

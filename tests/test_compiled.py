@@ -11,7 +11,7 @@ import pytest
 from numba.core.caching import CompileResultCacheImpl, IndexDataCacheFile
 
 import magwire_env
-from magwire_env.compiled import _say_once, kernel, source_stamp
+from magwire_env.compiled import _say_once, kernel, precise, source_stamp
 
 PACKAGE = Path(magwire_env.__file__).parent
 
@@ -139,3 +139,20 @@ def test_the_stamp_covers_the_floors_below_and_the_kernels_own_folder(tmp_path: 
     floors = ("physics", "lumen", "simulation", "envs")
     assert len({source_stamp(PACKAGE / floor) for floor in floors}) == len(floors)
     source_stamp.cache_clear()
+
+
+@precise
+def _compensated(a: float, b: float) -> float:
+    return (a + b) - a - b
+
+
+@kernel
+def _calls_it_first(a: float, b: float) -> float:
+    return _compensated(a, b)
+
+
+def test_a_precise_function_stays_so_when_a_fast_one_needs_it_first():
+    """It once took the flags of its first caller, and was kept on disk so: a lumen's distances lost their accuracy."""
+    assert _calls_it_first(1.0, 1e-17) == -1e-17
+    (signature,) = _compensated.signatures
+    assert "reassoc" not in _compensated.inspect_llvm(signature)
