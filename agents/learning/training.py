@@ -42,7 +42,11 @@ VALIDATION_SEED = EVALUATION_SEED + 500_000
 """Held-out seeds for choosing the best model: neither training's nor the final evaluation's."""
 
 CURVE = "learning_curve.csv"
-_COLUMNS = ("timesteps", "seconds", "success_rate", "median_time_s", "mean_reward", "median_rms_error_m")
+_COLUMNS = (
+    "timesteps", "seconds", "success_rate", "median_time_s", "mean_reward", "median_rms_error_m", "within_limit_rate",
+)  # fmt: skip
+_LATER_COLUMNS = {"within_limit_rate"}
+"""Columns that the curves of earlier versions do not have; they read as NaN."""
 
 
 def learn(run: Run, patience: float = 0.0) -> bool:
@@ -265,24 +269,32 @@ def read_curve(path: Path) -> list[dict[str, float]]:
             rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
     except (TypeError, ValueError, csv.Error) as error:
         raise ValueError(f"{path} is truncated or damaged: {error}") from error
+    rows = [dict.fromkeys(_LATER_COLUMNS, float("nan")) | row for row in rows]
     if any(set(row) != set(_COLUMNS) for row in rows):
         raise ValueError(f"{path} must have the columns {', '.join(_COLUMNS)}, got {', '.join(map(str, rows[0]))}")
     return rows
 
 
 def _measured(result: dict[str, float]) -> str:
-    """What an evaluation measured beside success: a tracking task's error, or the time to the goal, if there is one."""
+    """What an evaluation measured beside success: a tracking task's error, or the time to the goal, if there is one,
+    and how many episodes kept a limit on their cost."""
     if result["median_rms_error_m"] == result["median_rms_error_m"]:
         return f"median RMS error {1e3 * result['median_rms_error_m']:.1f} mm"
-    time = result["median_time_s"]
-    return f"median time {f'{time:.3f} s' if time == time else '–'}"
+    time, within = result["median_time_s"], result["within_limit_rate"]
+    limit = f"  cost within its limit {within:6.1%}" if within == within else ""
+    return f"median time {f'{time:.3f} s' if time == time else '–'}{limit}"
 
 
 def goodness(result: Mapping[str, float]) -> tuple[float, float]:
-    """How good a model is: success first, then speed, or in a tracking task the RMS error."""
-    rms = result["median_rms_error_m"]
+    """How good a model is: success first, then speed, or in a tracking task the RMS error.
+
+    In a task with a limit on an episode's cost, such as Gentle, the share of episodes within it counts like success:
+    the lower of the two comes first.
+    """
+    rms, within = result["median_rms_error_m"], result["within_limit_rate"]
     measure = rms if rms == rms else result["median_time_s"]
-    return result["success_rate"], -measure if measure == measure else -float("inf")
+    reached = result["success_rate"] if within != within else min(result["success_rate"], within)
+    return reached, -measure if measure == measure else -float("inf")
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from agents.learning import load
 from agents.learning.config import Config
 from agents.learning.run_folder import Checkpoints
 from agents.learning.sb3 import make_vec_env
-from agents.learning.training import Run
+from agents.learning.training import CURVE, Run, goodness, read_curve
 from magwire_env.quasistatic.pool import scenario_pool
 from tests.support.training import SMALL
 
@@ -37,6 +37,25 @@ def test_a_run_leaves_everything_behind(run):
     assert json.loads((folder / "config.json").read_text())["config"]["seed"] == 0
     assert "torch" in json.loads((folder / "versions.json").read_text())
     assert (folder / "learning_curve.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_the_best_model_keeps_a_tasks_limit_on_the_cost():
+    nan = float("nan")
+    free = {"success_rate": 0.9, "median_time_s": 5.0, "median_rms_error_m": nan, "within_limit_rate": nan}
+    assert goodness(free) == (0.9, -5.0)
+    assert goodness(free | {"median_rms_error_m": 2e-3}) == (0.9, -2e-3)
+    assert goodness(free | {"within_limit_rate": 0.8}) == (0.8, -5.0)
+    assert goodness(free | {"within_limit_rate": 0.95}) == (0.9, -5.0)
+
+
+def test_a_curve_of_an_earlier_version_is_read(tmp_path):
+    columns = "timesteps,seconds,success_rate,median_time_s,mean_reward,median_rms_error_m"
+    (tmp_path / CURVE).write_text(f"{columns}\n512,1.5,0.9,5.0,3.0,nan\n")
+    (row,) = read_curve(tmp_path / CURVE)
+    assert goodness(row) == (0.9, -5.0)
+    (tmp_path / CURVE).write_text("timesteps,seconds\n512,1.5\n")
+    with pytest.raises(ValueError, match="must have the columns timesteps, seconds"):
+        read_curve(tmp_path / CURVE)
 
 
 def test_same_seed_same_model(tmp_path):
