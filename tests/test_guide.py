@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import re
 import sys
@@ -66,6 +67,18 @@ def test_the_page_on_anatomies_works_as_written(folder, capsys):
     assert "fork: 3 branches, 2 ends" in printed
     assert "; no bend\n" in printed
     assert (folder / "fork.png").exists()
+
+
+def test_the_page_on_tasks_works_as_written(folder, capsys, monkeypatch):
+    """Its Python is run; of a command, whose numbers stand in the page, the parser takes every argument."""
+    asked: list[object] = []
+    cli = importlib.import_module("agents.cli.main")  # the package's own `main` is its function
+    monkeypatch.setattr(cli, "_RUN", dict.fromkeys(cli._RUN, asked.append))
+    assert follow(GUIDE / "tasks.md", typed, folder) >= 6
+    assert len(asked) >= 11
+    start, target, arrives = capsys.readouterr().out.split()[-3:]
+    assert start != target
+    assert arrives == "True"
 
 
 def test_the_notebook_runs_cell_by_cell(folder, capsys):
