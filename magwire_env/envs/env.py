@@ -83,7 +83,7 @@ class MagWireEnv(SpecWithLimit, gym.Env[Any, np.ndarray]):  # type: ignore[misc]
     scenario : `Scenario`, a TOML file or a shipped name; by default the task's. One without a certificate warns, once
     coupling : "force" or "wrench", in place of the scenario's
     model : the wire model, "locked" or "free", in place of the scenarios', those of a pool too
-    action_mode : "angle", "rate" or "direction"
+    action_mode : "angle", "rate", "direction" or "moment" (magnets that turn about y, then z); by default the task's
     observe : names of observation channels, "fluoroscopy" or a `Fluoroscopy`; by default the task's
     reward : "dense", "sparse", `RewardWeights` or a dict of some of them, such as ``{"success": 20}``
     time_limit : s; `spec.max_episode_steps` is the number of control steps in it

@@ -30,9 +30,6 @@ _BACK = 5
 """Control periods on the route after which leaving it counts as another wrong entry."""
 
 
-_RIG = "A magnet stands over the tip, and its moment points anywhere; coils have any currents."
-
-
 @dataclass(frozen=True)
 class Navigate(Kind):
     """Bring the tip into a branch of a tree that is drawn for every episode, to its end."""
@@ -61,7 +58,7 @@ class Navigate(Kind):
         """As `Kind.starts`."""
         return (
             f"The feed's home ± {1e3 * task.start_spread:g} mm of wire are inserted, in a short trunk no more than it "
-            f"holds. The target, one of the tree's dead ends, is drawn. {_RIG}"
+            "holds. The target, one of the tree's dead ends, is drawn."
         )
 
     def ends(self, task: Task) -> str:
@@ -93,8 +90,7 @@ class Recover(Navigate):
         """As `Kind.starts`."""
         return (
             "The target, one of the tree's dead ends, is drawn, and a branch that leaves the way to it. The tip lies "
-            f"{1e3 * _SHALLOWEST:g} to {1e3 * _DEEPEST:g} mm inside that branch, and the wire along the way there. "
-            f"{_RIG}"
+            f"{1e3 * _SHALLOWEST:g} to {1e3 * _DEEPEST:g} mm inside that branch, and the wire along the way there."
         )
 
 

@@ -123,7 +123,7 @@ def _reference(sim: Simulator, episodes: Episodes) -> np.ndarray:
 
 
 def _close_numbers(sim: Simulator) -> Sequence[Number]:
-    return [Number(quantity="length", label=f"tanh at {1e3 * scale:g} mm") for scale in CLOSE_SCALES]
+    return [Number(quantity="length", label=f"way left / {1e3 * scale:g} mm, through tanh") for scale in CLOSE_SCALES]
 
 
 def _close(sim: Simulator, episodes: Episodes) -> np.ndarray:
@@ -140,7 +140,10 @@ CHANNELS: dict[str, Channel] = {
         1, "how far each degree of freedom moved in the last control period / what its servo covers in one",
         _magnet_speeds, always(_turned), watches_rig=True,
     ),
-    "distance_left": Channel(2, "way left to the goal / tract length", partial(_of_route, kind=kernels.DISTANCE_LEFT)),
+    "distance_left": Channel(
+        2, "way left to the goal / length of the tract (in a tree, of the way from the inlet to the target's end)",
+        partial(_of_route, kind=kernels.DISTANCE_LEFT),
+    ),
     "tip_force": Channel(10, "magnetic force on the tip, x y z / 10 mN", rows_of(ROW.force_x, FORCE_SCALE, "force", 3)),
     "tip_torque": Channel(10, "magnetic torque on the tip / 1 mN·m", rows_of(ROW.torque, TORQUE_SCALE, "torque")),
     "wall_force": Channel(10, "force on the wall / 0.1 N", rows_of(ROW.wall, WALL_SCALE, "force")),

@@ -138,8 +138,8 @@ ROUTE_CHANNELS: dict[str, Channel] = {
         _sized(_ROUTE_SIZE, "length", _ROUTE_SIZE), always(_route_from_tip),
     ),
     "route_from_magnet": Channel(
-        10, "route 0, 10, 20, 40 mm ahead, in the axes of the first magnet's mount: points from its centre / 0.1 m, "
-        "then directions",
+        10, "route 0, 10, 20, 40 mm ahead, in the world's axes: points from the first magnet's centre (from the origin "
+        "where the rig has coils alone) / 0.1 m, then directions",
         _sized(_ROUTE_SIZE, "length", _ROUTE_SIZE), always(_route_from_magnet),
     ),
     "tip_points": Channel(
@@ -168,8 +168,8 @@ ROUTE_CHANNELS: dict[str, Channel] = {
         needs="base",
     ),
     "magnet_pose": Channel(
-        10, "direction of the first magnet's moment (of coils the field at the tip / 10 mT), and its centre from the "
-        "tip / 0.1 m",
+        10, "direction of the first magnet's moment, and its centre from the tip / 0.1 m; where the rig has coils "
+        "alone the field at the tip / 10 mT, and the origin from the tip / 0.1 m",
         _sized(0, free=6), always(_pose),
     ),
 }  # fmt: skip

@@ -157,3 +157,16 @@ def test_single_and_batch_go_the_same_way(envs):
         batch = envs.step(np.tile(action, (4, 1)))[0]
         alone = single.step(action)[0]
     assert alone == pytest.approx(batch[2], abs=1e-6)
+
+
+def test_a_wire_that_is_pulled_back_all_the_way_ends_no_episode():
+    env = gym.make(TASK, time_limit=3.0)
+    env.reset(seed=0, options={"target": "RCCA", "start": ("LCCA", 0.02)})
+    terminated = truncated = False
+    while not (terminated or truncated):
+        *_, terminated, truncated, info = env.step(np.array([1, 0, 0, -1], dtype=np.float32))
+    assert truncated
+    env.reset(seed=0, options={"target": "RCCA", "start": "inlet"})
+    *_, terminated, _, info = env.step(np.array([1, 0, 0, -1], dtype=np.float32))
+    assert info["inserted_length"] == pytest.approx(0.05)
+    assert not terminated

@@ -12,7 +12,7 @@ from magwire_env.envs.arenas import clamped
 from magwire_env.envs.lanes_state import lanes_state, load_lanes
 from magwire_env.envs.shapes import off, reachable
 from magwire_env.physics import FreeRod
-from magwire_env.scenario import Feed
+from magwire_env.scenario import Coil, Current, Feed, Rig
 from tests.support.free import fed_fork
 
 TASK = "MagWire/Shape-v0"
@@ -136,3 +136,21 @@ def test_what_cannot_be_is_refused():
         ValueError, match="observe: 'wanted_points' needs a task that wants a shape, got MagWire/SteerFree-v0"
     ):
         gym.make("MagWire/SteerFree-v0", observe=("wanted_points",))
+
+
+def test_a_tip_that_comes_behind_the_clamp_ends_the_episode():
+    """The task's own coils are too weak for that; these turn the tip right round."""
+    coils = tuple(Coil(axis, 1e-3, current=Current(-120.0, 120.0, speed=600.0)) for axis in "xyz")
+    scenario = clamped().replace(rig=Rig(coils=coils, clamped=True))
+    env = gym.make(TASK, scenario=scenario, action_mode="angle")
+    env.reset(seed=0, options={"magnet_angle": [0.0, 0.0, 0.0], "target": [0.0, 20.0, 0.0]})
+    sim, ends = env.unwrapped.core.sim, []
+    for field in [(0, 1, 0)] * 5 + [(-1, 1, 0)] * 5 + [(-1, 0, 0)] * 5 + [(-1, -1, 0)] * 5:
+        _, _, terminated, truncated, info = env.step(np.array(field, dtype=np.float32))
+        ends.append(terminated)
+        assert terminated == (sim.tip_position[0, 0] < 0.0)
+        if terminated:
+            break
+    assert ends[-1]
+    assert not info["is_success"]
+    assert not truncated
