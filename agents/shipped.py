@@ -1,7 +1,7 @@
 """Trained policies that come with the package, in the safe form: ``agents/trained/<name>/`` and a manifest of them all.
 
 A command takes such a policy as ``trained/<name>``, for example ``trained/Steer-v1``. `agents.cli.policies` lists them,
-and fills the folder from the runs of a benchmark.
+and fills the folder from those of runs.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """The subcommand `policies`: the trained policies of this version, and how its folder of them is filled.
 
-After a benchmark, ``magwire policies --collect runs/benchmark/runs`` takes for every task the run that did best on the
-held-out episodes which choose a run's best policy, tests it on those that every evaluation uses, and writes it into the
-package with the others. The test's episodes choose nothing, so that its figures may be quoted.
+``magwire policies --collect FOLDERS`` takes runs, of a benchmark (``runs/benchmark/runs``) or of ``magwire train``. For
+every task among them it takes the run that did best on the held-out episodes which choose a run's best policy, tests it
+on those that every evaluation uses, and writes it into the package with the others. The test's episodes choose nothing,
+so that its figures may be quoted.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ __all__ = ["Candidate", "Policies", "candidates", "collect", "policies", "tested
 
 @dataclass
 class Policies:
-    """List the trained policies that come with magwire, or fill their folder from the runs of a benchmark."""
+    """List the trained policies that come with magwire, or fill their folder from the folders of runs."""
 
     collect: tuple[Path, ...] = ()
     """Run folders, or folders of such: the best policy of every task is taken over."""
