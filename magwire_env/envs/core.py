@@ -18,13 +18,13 @@ from ..scenario import Scenario
 from ..simulation import Places, Simulator
 from ..simulation.model import supports
 from ..simulation.readout import ROW
-from ..simulation.simulator import FARTHEST_SETTING
 from . import kernels
 from .action import Actuation
 from .episodes import Episodes
 from .kernels import VALUE
 from .navigation import Navigation
 from .observation import CHANNELS
+from .options import OPTIONS, check_names, rig_option, tract_options
 from .pools import scenarios_of
 from .rewards import TERMS, RewardTerm, RewardWeights, checked_terms, info_name
 from .shapes import Shapes
@@ -32,9 +32,6 @@ from .shown import Observation, Shown
 from .task import TASKS, Task
 
 __all__ = ["OPTIONS", "SteeringCore"]
-
-OPTIONS = ("tip_arclength", "target", "magnet_angle")
-"""What `reset(options=…)` takes: m, m, and rad (for slides m), each one number or one a lane."""
 
 _FIRST_TERM = VALUE.reward + 1
 
@@ -211,50 +208,13 @@ class SteeringCore:
         goal: Places,
         magnet: np.ndarray,
     ) -> tuple[Places, Places, np.ndarray]:
-        kind, n = self.task.kind, self.sim.num_envs
-        known = kind.takes if self.navigation else OPTIONS
-        if unknown := set(options) - set(known):
-            raise ValueError(f"options must be of {', '.join(known)}; got {min(unknown)!r}")
-        if not set(options) <= set(kind.takes):
-            raise ValueError(
-                f"options must be of {', '.join(kind.takes)} alone in the task {self.task.id}, which fixes the rest"
-            )
-        magnet = self._magnet_option(options, lanes, magnet)
+        check_names(options, self.task)
+        magnet = rig_option(options, self.sim, lanes, magnet)
         if self.shapes:
             return start, goal, magnet
         if self.navigation:
             return *self.navigation.overridden(options, lanes, entries, start, goal), magnet
-        end = self.sim.library.tract_length[entries]
-        tip, target = start.s, goal.s
-        if "target" in options:
-            target = _per_lane("target", options["target"], n, (), "m")[lanes]
-            if (target <= 0).any() or (target > end).any():
-                raise ValueError(
-                    f"options['target'] must lie in (0, {end.min():.4g}] (in m), got {options['target']!r}"
-                )
-        if "tip_arclength" in options:
-            tip = _per_lane("tip_arclength", options["tip_arclength"], n, (), "m")[lanes]
-        limit = target if kind.passes else end
-        if (tip < 0).any() or (tip >= limit).any() or ((tip == target).any() and not kind.follows):
-            raise ValueError(
-                f"options['tip_arclength'] must lie in [0, {'target' if kind.passes else 'tract end'}) "
-                f"with the target at {target.min():.4g} (in m), got {tip.tolist()}"
-            )
-        return Places(tip, start.branch), Places(target, goal.branch), magnet
-
-    def _magnet_option(self, options: dict[str, Any], lanes: np.ndarray, magnet: np.ndarray) -> np.ndarray:
-        if "magnet_angle" not in options:
-            return magnet
-        shape = (self.sim.dof,)
-        magnet = _per_lane(
-            "magnet_angle", options["magnet_angle"], self.sim.num_envs, shape, "rad for turns, m for slides"
-        )[lanes]
-        if np.abs(magnet).max() > FARTHEST_SETTING:
-            raise ValueError(
-                f"options['magnet_angle'] must lie within ±{FARTHEST_SETTING:g} (rad for turns, m for slides), "
-                f"got {options['magnet_angle']!r}"
-            )
-        return magnet
+        return *tract_options(options, self.task, self.sim, lanes, entries, start, goal), magnet
 
     def reference_ahead(self, offsets: Sequence[float]) -> np.ndarray:
         """A tracking task's reference `offsets` s from now, (n, len(offsets)) m."""
@@ -410,17 +370,3 @@ def _warn_uncertified(task: Task, scenario: Scenario) -> None:
         if not found.solvable:
             warnings.warn(f"scenario {scenario.name!r} has no certificate for {task.id}: {found}", stacklevel=5)
             return
-
-
-def _per_lane(name: str, value: Any, n: int, shape: tuple[int, ...], unit: str) -> np.ndarray:
-    """One value for all lanes or one a lane → (n, *shape)."""
-    try:
-        array = np.asarray(value, dtype=np.float64)
-        if shape and array.shape == (n,) and shape == (1,):
-            array = array[:, None]
-        array = np.broadcast_to(array, (n, *shape))
-    except (TypeError, ValueError):
-        raise ValueError(f"options[{name!r}] must be one number or {n} of them (in {unit}), got {value!r}") from None
-    if not np.isfinite(array).all():
-        raise ValueError(f"options[{name!r}] must be finite (in {unit}), got {value!r}")
-    return array
