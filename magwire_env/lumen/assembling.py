@@ -25,7 +25,8 @@ from .skeleton import Line, centrelines
 from .solids import channels_of
 from .surface import Surface
 from .surface_files import SURFACE_ENDINGS, read_surface
-from .tree_files import TREE_ENDINGS, FoundLines, TreeLine, read_folder, read_lines
+from .tree_files import TREE_ENDINGS, read_folder, read_lines
+from .tree_lines import FoundLines, TreeLine
 from .units import settled_unit
 from .volume_files import VOLUME_ENDINGS, read_volume
 

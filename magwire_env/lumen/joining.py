@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial import KDTree
 
 from ..words import counted
-from .tree_files import TreeLine
+from .tree_lines import TreeLine
 
 __all__ = ["one_tree", "tidied"]
 
