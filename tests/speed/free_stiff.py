@@ -1,10 +1,10 @@
 """Soft and stiff free wires at the steps that they choose by themselves, against converged ones.
 
 `python -m tests.speed.free_stiff` prints a table: moduli from 1 kPa to 200 GPa of the paper's wire, dragged by its tip
-through the paper's tract by a magnet that rides ahead of it, and fed into a bend. A row has the largest distance of the
-tip from that of the converged run on the way, the largest wall force, the failed steps of both, and the steps a control
-period; or the refusal. The converged run has the same mesh and the same commands, `FINER` times the steps, and
-tolerances of a hundredth. `--finer` changes the former.
+through the paper's tract by a magnet that is led along it, and fed into a bend. A row has the steps a control period,
+the largest distance of the tip from that of the converged run on the way, the largest wall force, the failed steps of
+both, and with how many steps that distance is at most 1 mm; or the refusal. The converged run has the same mesh and the
+same commands, `FINER` times the steps, and tolerances of a hundredth. `--finer` changes the former.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MODULI = (1e3, 1e4, 1e5, 550e3, 1e6, 1e7, 1e8, 1e9, 1e10, 6e10, 2e11)
 LIMIT = 1e-3
 """m, that the tip may be off."""
 
-FINER, TIGHTER = 8, 0.01
+FINER, TIGHTER = 16, 0.01
 PERIODS = 30
 
 Command = Callable[[int, Simulator], np.ndarray]
@@ -39,7 +39,8 @@ Command = Callable[[int, Simulator], np.ndarray]
 @dataclass(frozen=True)
 class Row:
     """Of a wire: largest distance of its tip from the converged one's, m; largest wall force, N; failed steps, and
-    those of the converged run; steps a control period."""
+    those of the converged run; steps a control period, and how many are enough for `LIMIT`, None if none that was
+    tried."""
 
     modulus: float
     tip: float
@@ -47,10 +48,11 @@ class Row:
     unconverged: int
     reference_unconverged: int
     substeps: int
+    enough: int | None
 
     @property
     def passes(self) -> bool:
-        return self.tip <= LIMIT and self.unconverged == 0
+        return self.enough == self.substeps
 
 
 def with_modulus(base: Scenario, modulus: float) -> Scenario:
@@ -59,7 +61,7 @@ def with_modulus(base: Scenario, modulus: float) -> Scenario:
 
 
 def dragged() -> tuple[Scenario, Command, float]:
-    """The paper's wire, free, in the paper's tract; a magnet rides ahead of its tip and turns."""
+    """The paper's wire, free, in the paper's tract; a magnet above it is led along at 30 mm/s, first 30 mm ahead."""
     paper = Scenario.paper()
     rides = replace(
         paper.rig.magnets[0], position=(0.0, 0.0, 0.08), dipoles=(),
@@ -68,10 +70,8 @@ def dragged() -> tuple[Scenario, Command, float]:
     scenario = paper.replace(name="dragged", model="free", wire=replace(paper.wire, segments=24), rig=Rig((rides,)))
 
     def command(step: int, sim: Simulator) -> np.ndarray:
-        _, ways, _ = sim.ahead(np.array([0.02]))
-        place = np.clip(sim.tip_position + 0.03 * ways[:, 0], -0.1, 0.1)
-        turn = np.full(len(place), math.pi + 0.4 * math.sin(0.2 * step))
-        return np.column_stack([turn, place[:, :2]])
+        place = scenario.tract.position(0.13 + 3e-3 * step)
+        return np.broadcast_to([math.pi, *np.clip(place[:2], -0.1, 0.1)], (sim.num_envs, 3))
 
     return scenario, command, 0.10
 
@@ -105,46 +105,48 @@ def tightened(sim: Simulator, share: float) -> None:
     rows[:, at.PATIENCE // LANES] *= 4
 
 
-def run(
-    sim: Simulator, start: float | None, command: Command, periods: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Commands (periods, n, dof), tips (periods, n, 3) m, largest wall forces (n,) N, and failed steps (n,)."""
+def run(sim: Simulator, start: float | None, command: Command, periods: int) -> tuple[np.ndarray, float, int]:
+    """Places of the tip (periods, 3) m, the largest wall force, N, and failed steps, of a simulator of one wire."""
     if start is not None:
         sim.reset(tip_arclength=start)
-    told, tips, wall, failed = [], [], np.zeros(sim.num_envs), np.zeros(sim.num_envs, dtype=np.int64)
+    tips, wall, failed = [], 0.0, 0
     for step in range(periods):
-        told.append(np.array(command(step, sim)))
-        sim.step(told[-1])
-        tips.append(sim.tip_position.copy())
-        wall = np.maximum(wall, sim.readout[ROW.peak_wall, : sim.num_envs])
-        failed += sim.unconverged
-    return np.array(told), np.array(tips), wall, failed
+        sim.step(command(step, sim))
+        tips.append(sim.tip_position[0].copy())
+        wall = max(wall, float(sim.readout[ROW.peak_wall, 0]))
+        failed += int(sim.unconverged[0])
+    return np.array(tips), wall, failed
 
 
 def compared(name: str, moduli: Sequence[float], periods: int = PERIODS, finer: int = FINER) -> list[Row | str]:
     """A row for each modulus, or the sentence with which its scenario is refused."""
     base, command, start = SCENES[name]()
     found: list[Row | str] = []
-    accepted: list[tuple[int, float, Scenario]] = []
     for modulus in moduli:
         try:
-            accepted.append((len(found), modulus, with_modulus(base, modulus)))
-            found.append("")
+            scenario = with_modulus(base, modulus)
+            own = scenario.substeps
         except ValueError as error:
             found.append(str(error))
-    by_steps: dict[int, list[tuple[int, float, Scenario]]] = {}
-    for case in accepted:
-        by_steps.setdefault(case[2].substeps, []).append(case)
-    for substeps, cases in by_steps.items():
-        own = [scenario for _, _, scenario in cases]
-        told, tips, wall, failed = run(Simulator(own, threads=1), start, command, periods)
-        reference = Simulator([sc.replace(timing__substeps=finer * substeps) for sc in own], threads=1)
+            continue
+        reference = Simulator(scenario.replace(timing__substeps=finer * own))
         tightened(reference, TIGHTER)
-        _, true, _, missed = run(reference, start, lambda step, sim, told=told: told[step], periods)
-        off = np.linalg.norm(tips - true, axis=2).max(axis=0)
-        for k, (place, modulus, _) in enumerate(cases):
-            found[place] = Row(modulus, float(off[k]), float(wall[k]), int(failed[k]), int(missed[k]), substeps)
+        true, _, missed = run(reference, start, command, periods)
+        tips, wall, failed = run(Simulator(scenario), start, command, periods)
+        off, enough = distance(tips, true), own
+        worst, more = off, failed
+        while (worst > LIMIT or more) and 4 * enough <= finer * own:
+            enough *= 2
+            tips, _, more = run(Simulator(scenario.replace(timing__substeps=enough)), start, command, periods)
+            worst = distance(tips, true)
+        reached = worst <= LIMIT and not more
+        found.append(Row(modulus, off, wall, failed, missed, own, enough if reached else None))
     return found
+
+
+def distance(tips: np.ndarray, true: np.ndarray) -> float:
+    """The largest distance between two courses of a tip, m."""
+    return float(np.linalg.norm(tips - true, axis=1).max())
 
 
 def main() -> None:
@@ -152,17 +154,19 @@ def main() -> None:
     parser.add_argument("--moduli", type=float, nargs="+", default=MODULI, help="Pa")
     parser.add_argument("--finer", type=int, default=FINER, help="steps of the converged run over the wire's own")
     options = parser.parse_args()
-    print("| scene | modulus | steps a period | tip, max | wall force, most | failed steps | of the converged run |")
-    print("|---|---|---|---|---|---|---|")
+    head = "| scene | modulus | steps a period | tip, max | wall force, most | failed steps | of the converged run "
+    print(head + "| steps for 1 mm |")
+    print("|---|---|---|---|---|---|---|---|")
     for name in SCENES:
-        for modulus, row in zip(options.moduli, compared(name, options.moduli, finer=options.finer), strict=True):
+        for modulus in options.moduli:
+            row = compared(name, [modulus], finer=options.finer)[0]
             head = f"| {name} | {modulus:.2g} Pa |"
             if isinstance(row, str):
-                print(head, f"refused: {row} | | | | |")
+                print(head, f"refused: {row} | | | | | |")
                 continue
             print(
                 head, f"{row.substeps} | {1e3 * row.tip:.2f} mm | {row.wall:.3g} N | {row.unconverged} "
-                f"| {row.reference_unconverged} |", flush=True,
+                f"| {row.reference_unconverged} | {row.enough or 'more'} |", flush=True,
             )  # fmt: skip
 
 
