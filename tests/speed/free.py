@@ -20,7 +20,7 @@ from magwire_env.simulation.free import layout as at
 from magwire_env.simulation.lanes import LANES
 from tests.neighbours.cases import HEAD, OURS, PACKAGES, SCENES, answered, at_equal_accuracy, cases, solvers
 from tests.speed.bench import DOCS, machine
-from tests.speed.free_accuracy import Scene, errors, five_scenes, record, references
+from tests.speed.free_accuracy import Scene, errors, five_scenes, record, references, refined
 from tests.speed.measure import both_rates, rate, ratio, table, timed
 
 Case = Callable[[], tuple[int, float]]
@@ -159,8 +159,9 @@ def scaling(size: Size) -> str:
     """Item 5: cost of a lane and period against segments, contact points and lanes."""
     scene = five_scenes()[0]
     commands, rows = record(scene)[: size.periods], []
+    count, step = scene.scenario.wire.segments, scene.scenario.timing.control_period / scene.scenario.substeps
     for label, scenario, lanes in (
-        *((f"{n} segments", scene.scenario.replace(wire__segments=n), 64) for n in (20, 40, 80)),
+        *((f"{n} segments", refined(scene, n / count, step).scenario, 64) for n in (20, 40, 80)),
         *((f"{k} points a segment", scene.scenario.replace(contact__per_segment=k), 64) for k in (1, 2, 4)),
         *((f"{n} lanes", scene.scenario, n) for n in (1, 16, 256)),
     ):
