@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FREE_STEP", "LONGEST_STEP", "MOST_STRETCH", "MOST_SUBSTEPS", "STIFF_STEP", "bending_step", "check",
-    "common_substeps", "is_stiff", "substeps_needed",
+    "common_substeps", "free_step", "is_stiff", "substeps_needed",
 ]  # fmt: skip
 
 LONGEST_STEP = 0.05
@@ -27,6 +27,9 @@ _LIGHT_STEP, _LIGHT_SHARE = 0.0125, 0.9
 FREE_STEP = 0.02
 """s. The free wire's: its own search halves steps that do not converge, and the mesh decides the accuracy, see
 `tests/speed/free_accuracy.py`."""
+
+_STRETCHING, _BENDING = 2.6e4, 6.3e3
+"""What h √(E A/μ)/ℓ and h √(E I/μ)/ℓ² of a free wire may be together, see `free_step`."""
 
 STIFF_STEP = 0.02
 """s. A wire whose `bending_step` is shorter counts as stiff; the paper's has 56 ms, one of 5 cm 28 ms."""
@@ -73,14 +76,31 @@ def is_stiff(scenario: Scenario) -> bool:
     return bending_step(scenario) < STIFF_STEP
 
 
+def free_step(scenario: Scenario) -> float:
+    """The longest step, s, of a free wire: `FREE_STEP`, or less for one so stiff and thick that its search would fail.
+
+    A trial that moves a node by d across its segments, of length ℓ, stretches them by d²/2ℓ: the stiffer they are
+    beside the inertia of μ kg/m, the shorter the trials that are taken. Thick wires of the paper's shape that are
+    pressed into a bend failed where both h √(E A/μ)/ℓ was 30 600 and h √(E I/μ)/ℓ² was 7300, and did not at 26 600 and
+    6400; thin wires, of which one number is large alone, did not fail.
+    """
+    wire, stiffer = scenario.wire, 1.0 + scenario.variation.stiffness
+    line = wire.density * wire.area if wire.mass_per_length is None else wire.mass_per_length.least
+    axial = wire.axial_rigidity if wire.axial is None else wire.axial.most
+    bending = wire.bending_rigidity if wire.bending is None else wire.bending.most
+    stretches = _STRETCHING * wire.segment_length / math.sqrt(stiffer * axial / line)
+    bends = _BENDING * wire.segment_length**2 / math.sqrt(stiffer * bending / line)
+    return min(FREE_STEP, max(stretches, bends))
+
+
 def substeps_needed(scenario: Scenario) -> int:
     """Steps in a control period: none longer than 50 ms, than 12.5 ms + 0.9 m/D, and of stiff wires `bending_step`;
-    of the free wire `FREE_STEP`.
+    of the free wire `free_step`.
 
     m/D is the time that drag needs to slow the wire down, 43 ms for the paper's.
     """
     if scenario.model == "free":
-        return math.ceil(scenario.timing.control_period / FREE_STEP - 1e-9)
+        return math.ceil(scenario.timing.control_period / free_step(scenario) - 1e-9)
     drag = scenario.contact.drag * scenario.wire.length
     follows = _LIGHT_STEP + _LIGHT_SHARE * scenario.moving_mass / drag if drag else math.inf
     bends = bending_step(scenario)

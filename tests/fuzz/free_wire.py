@@ -13,9 +13,11 @@ import math
 import sys
 import time
 from collections import Counter
+from functools import lru_cache
 
 import numpy as np
 
+from magwire_env.lumen import Lumen
 from magwire_env.lumen.generator import generate
 from magwire_env.lumen.named_trees import fork
 from magwire_env.physics import BlockMagnet, CylinderMagnet, Guidewire, PointDipole
@@ -24,6 +26,9 @@ from magwire_env.simulation import Simulator
 from magwire_env.simulation.free.walls import ROUNDED
 
 STYLES = ("noise", "extremes", "bang-bang", "kept")
+MOST_REFUSED = 100
+"""Scenarios of a batch that may be refused before the fuzzer says that it cannot make one."""
+
 ROUNDING = 2e-5
 """m by which a node may be deeper than the wall's force on it explains: the bricks' error, contact between nodes."""
 
@@ -31,6 +36,12 @@ ROUNDING = 2e-5
 def spread(rng: np.random.Generator, low: float, high: float) -> float:
     """Log-uniform."""
     return float(low * (high / low) ** rng.uniform())
+
+
+@lru_cache
+def forked(length: float) -> Lumen:
+    """A fork with branches of `length` m: a wire that is not fed must lie in the trunk with all its length."""
+    return fork(length=length)
 
 
 def scenario(rng: np.random.Generator, fed: bool, twists: bool, tree: bool) -> Scenario:
@@ -45,7 +56,7 @@ def scenario(rng: np.random.Generator, fed: bool, twists: bool, tree: bool) -> S
     )  # fmt: skip
     tip = CylinderMagnet(0.8e-3, 8e-3, float(rng.uniform(0.2, 1.4)))
     magnet = BlockMagnet((50.8e-3,) * 3, 1.3) if rng.random() < 0.5 else PointDipole(spread(rng, 1.0, 200.0))
-    lumen = fork() if tree else None
+    lumen = forked(0.06 if fed else 0.2) if tree else None
     tract = generate(int(rng.integers(10_000))) if not tree else lumen.trunk.curve
     middle = tract.position(float(rng.uniform(0.02, 0.2)))
     mount = ActuatedMagnet(
@@ -76,16 +87,26 @@ def commands(rng: np.random.Generator, step: int, style: np.ndarray, low: np.nda
     return np.choose(style[:, None], [noise, extremes, bang, kept])
 
 
+def batch(rng: np.random.Generator, count: int) -> tuple[list[Scenario], int]:
+    """`count` random scenarios that may share a batch, and how many were refused on the way."""
+    fed, twists, tree = rng.random(3) < [0.7, 0.4, 0.3]
+    found: list[Scenario] = []
+    refused = 0
+    while len(found) < count:
+        try:
+            found.append(scenario(rng, bool(fed), bool(fed and twists), bool(tree)))
+        except ValueError as error:
+            refused += 1
+            if refused > MOST_REFUSED:
+                raise RuntimeError(f"of this kind {refused} scenarios were refused, the last one: {error}") from error
+    return found, refused
+
+
 def play(rng: np.random.Generator, lanes: int, steps: int) -> tuple[Counter, float, float]:
     """One batch: counts, how much deeper a node is than the wall's force on it explains (m), the fastest tip (m/s)."""
-    fed, twists, tree = rng.random(3) < [0.7, 0.4, 0.3]
-    scenarios: list[Scenario] = []
-    seen: Counter = Counter()
-    while len(scenarios) < 4:
-        try:
-            scenarios.append(scenario(rng, bool(fed), bool(fed and twists), bool(tree)))
-        except ValueError:
-            seen["refused"] += 1
+    scenarios, refused = batch(rng, 4)
+    seen: Counter = Counter(refused=refused)
+    tree = len(scenarios[0].tree.branches) > 1
     sim = Simulator(scenarios, lane_scenario=np.arange(lanes) % len(scenarios))
     sim.reset()
     which = sim.lane_scenario

@@ -12,8 +12,12 @@ import numpy as np
 import pytest
 
 from magwire_env.physics import ranges
+from magwire_env.simulation import Simulator
+from magwire_env.simulation.free import layout as at
+from magwire_env.simulation.lanes import LANES
+from magwire_env.simulation.magnetics import MAGNET
 
-from . import calls, files, kills, scenarios, steps
+from . import calls, energy, files, free_wire, kills, scenarios, steps
 
 DOC = Path(__file__).parents[2] / "docs" / "reliability.md"
 
@@ -35,6 +39,56 @@ def test_random_scenarios_are_accepted_often_enough(spread):
 def test_calls():
     seen = calls.fuzz(300, seed=5)
     assert {name.split()[0] for name in seen} == {call.__name__ for call in calls.CALLS}
+
+
+FREE = {"dragged": (False, False, False), "fed into a fork": (True, False, True), "fed and turned": (True, True, False)}
+"""Whether a random free wire is fed, twists, and is in a tree."""
+
+
+def free_wires(kind: str) -> tuple[list, np.random.Generator]:
+    rng = np.random.default_rng(3)
+    return [free_wire.scenario(rng, *FREE[kind]) for _ in range(2)], rng
+
+
+@pytest.mark.parametrize("tolerance", [0.01, 1.0])
+@pytest.mark.parametrize("kind", FREE)
+def test_no_step_of_a_free_wire_makes_energy(kind, tolerance):
+    found = energy.play(*free_wires(kind), lanes=8, steps=40, tolerance=tolerance)
+    assert found.seen["judged"] > 0.7 * found.seen["steps"]
+    assert found.seen["held"] > 0.4 * found.seen["steps"]
+    assert found.seen["failed"] == found.seen["unexplained"] == 0
+    assert found.kinetic > 0.0
+
+
+def magnet_pulls_more_than_its_energy_falls(sim: Simulator) -> None:
+    sim.rig._magnets[:, :, MAGNET.strength] *= 1.05
+
+
+def friction_pushes(sim: Simulator) -> None:
+    """In every other lane: a kernel without any friction leaves it out."""
+    sim.model._par.reshape(-1, at.PAR_SIZE // LANES, LANES)[:, at.FRICTION // LANES, ::2] = -0.05
+    sim.model._par.reshape(-1, at.PAR_SIZE // LANES, LANES)[:, at.FRICTION // LANES, 1::2] = 0.05
+
+
+@pytest.mark.parametrize("change", [magnet_pulls_more_than_its_energy_falls, friction_pushes])
+def test_a_wrong_force_is_found_by_its_energy(change):
+    found = energy.play(*free_wires("dragged"), lanes=8, steps=40, change=change)
+    assert found.seen["unexplained"] > 0
+
+
+def test_a_batch_that_can_never_be_made_ends_in_a_sentence(monkeypatch):
+    def refused(*_):
+        raise ValueError("too long")
+
+    monkeypatch.setattr(free_wire, "scenario", refused)
+    with pytest.raises(RuntimeError, match="101 scenarios were refused, the last one: too long"):
+        free_wire.batch(np.random.default_rng(0), 2)
+
+
+@pytest.mark.parametrize(("fed", "tree"), [(False, False), (True, False), (False, True), (True, True)])
+def test_random_free_wires_of_every_kind_are_accepted(fed, tree):
+    rng = np.random.default_rng(1)
+    assert [free_wire.scenario(rng, fed, fed, tree).model for _ in range(3)] == ["free"] * 3
 
 
 @pytest.mark.parametrize("kind", ["scenario", "policy", "run", "plan"])

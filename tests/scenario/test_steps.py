@@ -1,9 +1,10 @@
-"""The substeps that a locked wire chooses, and the wires that are refused."""
+"""The substeps that locked and free wires choose, and the wires that are refused."""
 
 import gymnasium as gym
 import pytest
 
 from magwire_env import Scenario
+from magwire_env.envs import arenas
 from magwire_env.scenario.steps import MOST_SUBSTEPS, is_stiff
 
 PAPER = Scenario.paper()
@@ -68,6 +69,24 @@ def test_the_file_of_a_scenario_says_nothing_of_substeps_that_it_chooses(tmp_pat
     given = PAPER.replace(timing__substeps=4)
     given.save(tmp_path / "b.toml")
     assert Scenario.load(tmp_path / "b.toml") == given
+
+
+def test_a_free_wire_takes_steps_of_20_ms_and_shorter_ones_if_thick_and_stiff():
+    free = PAPER.replace(model="free", wire__segments=24)
+    assert free.substeps == 5
+    thick, thin = free.replace(wire__bending_modulus=2e11, wire__axial_modulus=2e11), {"wire__radius": 0.2e-3}
+    assert thick.substeps > 5
+    assert thick.replace(**thin).substeps == 5
+    assert thick.replace(wire__segments=48).substeps > thick.substeps
+    assert thick.replace(variation__stiffness=0.9).substeps > thick.substeps
+    assert thick.replace(timing__substeps=5).substeps == 5
+
+
+@pytest.mark.parametrize("scenario", [arenas.arch(), arenas.dragged(), arenas.clamped()])
+def test_arenas_of_free_wires_take_steps_of_20_ms(scenario):
+    assert scenario.model == "free"
+    own = scenario.replace(timing__substeps=None).substeps
+    assert scenario.timing.control_period / own == pytest.approx(0.02)
 
 
 @pytest.mark.parametrize("task", ["MagWire/SteerAny-v0", "MagWire/Orient-v0", "MagWire/Chase-v0", "MagWire/Dual-v0"])

@@ -20,7 +20,7 @@ from magwire_env.simulation.free import layout as at
 from magwire_env.simulation.lanes import LANES
 from tests.neighbours.cases import HEAD, OURS, PACKAGES, SCENES, answered, at_equal_accuracy, cases, solvers
 from tests.speed.bench import DOCS, machine
-from tests.speed.free_accuracy import Scene, errors, five_scenes, record, references
+from tests.speed.free_accuracy import Scene, errors, five_scenes, record, references, refined
 from tests.speed.measure import both_rates, rate, ratio, table, timed
 
 Case = Callable[[], tuple[int, float]]
@@ -156,11 +156,12 @@ def rollout(size: Size) -> str:
 
 
 def scaling(size: Size) -> str:
-    """Item 5: cost of a lane and period against segments, contact points and lanes; and its memory."""
+    """Item 5: cost of a lane and period against segments, contact points and lanes."""
     scene = five_scenes()[0]
     commands, rows = record(scene)[: size.periods], []
+    count, step = scene.scenario.wire.segments, scene.scenario.timing.control_period / scene.scenario.substeps
     for label, scenario, lanes in (
-        *((f"{n} segments", scene.scenario.replace(wire__segments=n), 64) for n in (20, 40, 80)),
+        *((f"{n} segments", refined(scene, n / count, step).scenario, 64) for n in (20, 40, 80)),
         *((f"{k} points a segment", scene.scenario.replace(contact__per_segment=k), 64) for k in (1, 2, 4)),
         *((f"{n} lanes", scene.scenario, n) for n in (1, 16, 256)),
     ):
@@ -169,12 +170,25 @@ def scaling(size: Size) -> str:
         began = time.process_time()
         steps, _ = case()
         rows.append((label, f"{1e6 * (time.process_time() - began) / steps:.0f} µs"))
-    model = Simulator(scene.scenario, 1024).model
-    arrays = [getattr(model, f"_{name}") for name in ("par", "wire", "lane", "node", "foot")]
-    lane, grid = sum(a.nbytes for a in arrays) / 1024, model._own.walls.grid.nbytes
-    count = scene.scenario.wire.segments
-    memory = f"A lane of {count} segments takes {lane / 1e3:.1f} kB; the fork {grid / 1e6:.1f} MB once."
-    return f"{table(('case', 'processor time of a lane and control period'), rows)}\n\n{memory}"
+    return table(("case", "processor time of a lane and control period"), rows)
+
+
+def memory(_: Size) -> str:
+    """Item 7: what a lane, an anatomy and a thread take."""
+    rows, lanes = [], 64
+    arch = gym.make_vec("MagWire/Navigate-v0", num_envs=1).unwrapped.core.sim.scenarios[0]
+    cases = {scene.name: scene.scenario for scene in five_scenes()} | {"the aortic arch of Navigate": arch}
+    for name, scenario in cases.items():
+        model = Simulator(scenario, lanes, threads=1).model
+        own = [getattr(model, f"_{part}") for part in ("par", "wire", "lane", "node", "spin", "foot")]
+        walls, bench = model._own.walls, model._benches[0]
+        rows.append(
+            (name, scenario.wire.segments, scenario.contact.per_segment,
+             f"{sum(a.nbytes for a in own if a is not None) / lanes / 1e3:.1f} kB",
+             f"{(walls.table.nbytes + walls.grid.nbytes) / 1e3:.0f} kB", f"{sum(a.nbytes for a in bench) / 1e3:.0f} kB")
+        )  # fmt: skip
+    head = ("scene", "segments", "points a segment", "a lane", "the wall, once", f"a thread, {LANES} lanes at a time")
+    return table(head, rows)
 
 
 EQUAL = 0.01
@@ -199,7 +213,7 @@ def neighbours(_: Size) -> str:
 
 SECTIONS = {
     "accuracy": accuracy, "rates": rates_of, "single": single, "rollout": rollout, "scaling": scaling,
-    "neighbours": neighbours,
+    "memory": memory, "neighbours": neighbours,
 }  # fmt: skip
 
 

@@ -52,7 +52,10 @@ def limited(v, most):
 
 @kernel
 def next_step(tail, finish, again, begin, par, wire, lane, node, spin, work, h_old, h_new):
-    """End the steps of lanes `finish`, put those of `again` back to their start, begin one in the lanes `begin`."""
+    """End the steps of lanes `finish`, put those of `again` back to their start, begin one in the lanes `begin`.
+
+    Nodes in the sleeve rest: what they have depends on their own wire alone, and not on where the block's tail is.
+    """
     tip = node.shape[0] // at.NODE_STRIDE - 1
     most, memory = load(par, at.MOST_MOVE), load(par, at.MEMORY)
     ih = reciprocal(h_old)
@@ -85,6 +88,7 @@ def next_step(tail, finish, again, begin, par, wire, lane, node, spin, work, h_o
             ended = turned(transported(m, u0, u1), u1, turn_move)
             ended = plus(ended, -dot(ended, u1), u1)
             ended = times(rsqrt(maximum(dot(ended, ended), 1e-24)), ended)
+            ended = select3(load(lane, at.FIRST) <= 1.0 * i, ended, m)
             m = select3(again, m0, select3(finish, ended, m))
             store3(spin, o + at.MX, m)
             store3(work, w + at.N0, select3(begin, m, m0))
@@ -152,10 +156,11 @@ def actuate(again, begin, par, lane, dofs, is_turn, q, command, h):
     store(lane, at.SPUN_START, where(begin, start, before))
     turn = goal - spun
     if anywhere((turn > 0.0) | (turn < 0.0)):
-        t, m = load3(par, at.BASE_TX), load3(lane, at.BASE_MX)
-        m = turned(m, t, turn)
+        t, kept = load3(par, at.BASE_TX), load3(lane, at.BASE_MX)
+        m = turned(kept, t, turn)
         m = plus(m, -dot(m, t), t)
-        store3(lane, at.BASE_MX, times(rsqrt(dot(m, m)), m))
+        m = times(rsqrt(dot(m, m)), m)
+        store3(lane, at.BASE_MX, select3((turn > 0.0) | (turn < 0.0), m, kept))  # a base at rest keeps every bit
         store(lane, at.SPUN, goal)
 
 
@@ -195,7 +200,8 @@ def run_block(
                 mark(finish, points, par, lane, node, foot, q, is_turn.shape[0], marks, apart * FINEST)
             store(lane, at.H, where(begin, h, h_old))
             if regrid_lanes(points, begin, par, wire, lane, node, spin, foot, work):
-                tail = first_active(lane, nodes)
+                old_tail, tail = tail, first_active(lane, nodes)
+                rest_in_sleeve(tail, old_tail, lane, node, spin, work)
             actuate(again, begin, par, lane, dofs, is_turn, q, command, h)
             place_magnets(rig, magnets, q, pose)
             for field, value in (
@@ -345,6 +351,24 @@ def regrid_lanes(points, begin, par, wire, lane, node, spin, foot, work):
         if work[at.GRADIENT + l] > 0.5:
             did = regrid(l, points, par, wire, lane, node, spin, foot, work, lane[at.H + l]) or did
     return did
+
+
+@kernel
+def rest_in_sleeve(low, high, lane, node, spin, work):
+    """Nodes from `low` to `high` that a neighbour has brought into the block's loops do not move while in the sleeve.
+
+    The workspace is a thread's: it still has what another block, or an earlier step, has left there.
+    """
+    for i in range(low, high):
+        n, w = i * at.NODE_STRIDE, i * at.WORK_STRIDE
+        inside = load(lane, at.FIRST) > 1.0 * i
+        store3(work, w + at.START, select3(inside, load3(node, n + at.X), load3(work, w + at.START)))
+        store3(work, w + at.MOVE, select3(inside, zero3(), load3(work, w + at.MOVE)))
+        if spin is not None:
+            director = load3(spin, i * at.SPIN_STRIDE + at.MX)
+            store3(work, w + at.N0, select3(inside, director, load3(work, w + at.N0)))
+            store(work, w + at.TURN, where(inside, 0.0, load(work, w + at.TURN)))
+            store(work, w + at.TURN_MOVE, where(inside, 0.0, load(work, w + at.TURN_MOVE)))
 
 
 @kernel
