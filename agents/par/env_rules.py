@@ -58,6 +58,9 @@ def verdict(
     period : control period, s
     final : (n,) m, of a task that comes back
     far : (n,) m, the tracts' lengths, of a task that ends there
+
+    A trace goes on where its episode has ended, and a tip outside of the tract may then meet a magnet: nothing it does
+    there counts. Raises `RuntimeError` for a wire that diverges before.
     """
     horizon, points, n = trace.shape
     width = -(-n // LANES) * LANES  # kernels work on whole blocks of lanes
@@ -80,7 +83,11 @@ def verdict(
     running, success, alive = np.ones(n, np.bool_), np.zeros(n, np.bool_), np.ones((horizon, n), np.bool_)
     steps, time, least = np.full(n, horizon), np.full(n, np.nan), np.full(n, np.inf)
     for step in range(horizon):
-        readout[ROW.travelled, :n], readout[ROW.remaining] = trace[step, -1], left[step, -1]
+        tip = trace[step, -1].copy()
+        known = (np.abs(tip) < kernels.FARTHEST) & (np.abs(left[step, -1, :n]) < kernels.FARTHEST)
+        lost = np.flatnonzero(~running & ~known)
+        tip[lost], left[step, :, lost] = 0.0, 0.0
+        readout[ROW.travelled, :n], readout[ROW.remaining] = tip, left[step, -1]
         diverged = kernels.judge(
             n, rule, readout, left[step], step_limit, period, task.tolerance, task.hold, unsafe, weights, lanes, values
         )

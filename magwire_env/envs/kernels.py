@@ -31,7 +31,7 @@ PASS, HOLD, FOLLOW = range(3)
 RESULT, TRAVELLED, DISTANCE_LEFT, SINE, COSINE, SLIDE = range(6)
 """Kinds of observed numbers."""
 
-_FARTHEST = 1e3
+FARTHEST = 1e3
 """m; a tip farther along than this has diverged."""
 
 
@@ -172,7 +172,7 @@ def judge(n, rule, readout, trace, step_limit, period, tolerance, hold, safe, we
     Returns −1, or the first lane whose motion has diverged; nothing is written then.
     """
     for lane in range(n):
-        if not abs(readout[ROW.travelled, lane]) < _FARTHEST or not abs(readout[ROW.remaining, lane]) < _FARTHEST:
+        if not abs(readout[ROW.travelled, lane]) < FARTHEST or not abs(readout[ROW.remaining, lane]) < FARTHEST:
             return lane
     for lane in range(0, n, LANES):
         left, success, held = way_left(rule, lane, trace, lanes, tolerance, period)

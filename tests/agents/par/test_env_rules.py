@@ -72,6 +72,22 @@ def test_leaving_the_tract_backwards_ends_an_episode() -> None:
     assert np.isnan(said.time[1])
 
 
+@pytest.mark.parametrize("ends", ["in success", "backwards"])
+def test_what_a_wire_does_after_its_episode_counts_for_nothing(ends: str) -> None:
+    task = TASKS["MagWire/Steer-v0"]
+    trace = np.linspace(0.1, 0.9 if ends == "in success" else -0.1, 20 * 3).reshape(20, 3)[:, :, None].copy()
+    said = verdict(task, trace, np.array([0.79]), np.zeros((1, 0)), 300, 0.1)
+    assert said.steps[0] < 19
+    trace[19] = -1690.0
+    again = verdict(task, trace, np.array([0.79]), np.zeros((1, 0)), 300, 0.1)
+    assert said.success == again.success == (ends == "in success")
+    assert np.array_equal(said.time, again.time, equal_nan=True)
+    assert (said.steps, said.least) == (again.steps, again.least)
+    trace[2] = -1690.0
+    with pytest.raises(RuntimeError, match="the wire of plan 0 has diverged: its tip is at -1690"):
+        verdict(task, trace, np.array([0.79]), np.zeros((1, 0)), 300, 0.1)
+
+
 def test_an_action_that_is_no_number_is_refused() -> None:
     env = gym.make_vec("MagWire/Steer-v0", num_envs=2)
     env.reset(seed=0)
