@@ -156,7 +156,7 @@ Printed by `magwire benchmark`. Every policy rides the same episodes (seeds from
 generated tasks each episode has a certified tract of its own), all numbers stand in [benchmark.json](benchmark.json).
 
 - *par* is `Optimal`, the best trajectory found with the model and the true state in hand, one for every episode;
-  *floor* marks the policies that see nothing.
+  *floor* marks the policies that see nothing. [par.md](par.md) says how many pars an independent search beats.
 - *score* is par's time / own time on the same start, 0 where the goal was not reached; on Track par's RMS error / own.
   Given is the mean over all episodes, failures with their 0, and its bootstrap 95 % interval, which resamples training
   seeds and, within each, episodes. *IQM* is the interquartile mean (Agarwal et al., 2021), the middle half of the
