@@ -55,8 +55,8 @@ def _reaching_cost(starts: Starts, trace: np.ndarray, env: Verdict) -> np.ndarra
     excess = np.maximum(away, 0.0).sum(axis=1) + np.where(env.alive, 0.0, 1.0)  # of every period, m
     sums = np.vstack([np.zeros(n), excess.cumsum(axis=0)])
     window = np.full((horizon + 1, n), np.inf)  # excess of the last `hold` periods before each moment
-    window[hold:] = sums[hold:] - sums[:-hold]
+    window[hold:] = sums[hold:] - sums[:-hold]  # NaN behind an episode whose wire then diverged
     steps = np.where(env.success, env.steps, 0)
     short = np.minimum(window[np.maximum(steps - 1, 0), lane], 1e3)
     finer = steps - 1 + short / (short + _HALF_PERIOD)
-    return np.where(env.success, finer * starts.period, FAILED * (1.0 + np.minimum(window.min(axis=0), 1e3)))
+    return np.where(env.success, finer * starts.period, FAILED * (1.0 + np.minimum(np.fmin.reduce(window), 1e3)))

@@ -26,3 +26,16 @@ def test_a_target_held_too_short_or_beyond_the_time_does_not_count():
     assert 2.9 <= value[0] <= 3.0
     short = dataclasses.replace(starts, step_limit=29)
     assert judged(short, trace)[0][0] >= FAILED
+
+
+def test_a_wire_that_diverges_after_its_episode_costs_what_the_episode_did():
+    starts = begun("MagWire/Reach-v0", 1)
+    trace = np.full((60, 3, 1), float(starts.goal[0]) + 4 * starts.task.tolerance)
+    trace[30:] = -0.01  # outside of the tract, which ends the episode
+    value, time, steps = judged(starts, trace)
+    trace[40:] = np.nan
+    again, later, same = judged(starts, trace)
+    assert FAILED <= value[0] == again[0]
+    assert np.isnan(time[0])
+    assert np.isnan(later[0])
+    assert steps == same
