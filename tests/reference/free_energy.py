@@ -86,6 +86,7 @@ class Wires:
         feet = part("feet", 2)[:, spare * k : spare * k + (n - 1) * k + 1].copy()
         if isinstance(wall, Tube):
             feet[..., 0] -= sim.library.wires.walls.first_row[entry] - wall.first_row
+            feet = np.where((feet[..., :1] >= 0.0), feet, (wall.first_row, 0.0))  # of a point that has not come out yet
         base = state.part("base")[mine]
         return cls(
             scenario, part("positions", 3)[:, spare:], part("velocities", 3)[:, spare:],
@@ -201,7 +202,7 @@ class Wires:
         weight = np.where(np.repeat(active, k, axis=1), weight, 0.0) / k
         weight = np.concatenate([weight, 0.5 * rest[:, -1:] / k + sc.wire.radius], axis=1)
         radius = np.broadcast_to(pieces.radius, rest.shape[1])
-        deep = depths(wall_of(sc), self._contact_points(), self.feet) + np.append(np.repeat(radius, k), radius[-1])
+        deep = depths(sc, self._contact_points(), self.feet) + np.append(np.repeat(radius, k), radius[-1])
         return (0.5 * sc.contact.stiffness * weight * np.maximum(deep, 0.0) ** 2).sum(axis=1)
 
     def _magnetic(self, active: np.ndarray, e: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -248,11 +249,18 @@ def wall_of(scenario: Scenario) -> Tube | Bricks:
     return _wall_of(scenario)
 
 
-def depths(wall: Tube | Bricks, points: np.ndarray, feet: np.ndarray) -> np.ndarray:
+def depths(scenario: Scenario, points: np.ndarray, feet: np.ndarray) -> np.ndarray:
     """How far points (..., 3) m lie behind the wall, negative inside, m; feet (..., 2) are near those on a tube."""
-    flat = points.reshape(-1, 3)
-    found = _in_tube(wall, flat, feet.reshape(-1, 2)) if isinstance(wall, Tube) else _in_bricks(wall, flat)
-    return found.reshape(points.shape[:-1])
+    flat, wall = points.reshape(-1, 3), wall_of(scenario)
+    if isinstance(wall, Tube):
+        return _in_tube(wall, flat, feet.reshape(-1, 2)).reshape(points.shape[:-1])
+    trunk = scenario.tree.trunk
+    out = flat - trunk.curve.position(0.0)
+    along = out @ trunk.curve.tangent(0.0)
+    behind = np.linalg.norm(out - along[:, None] * trunk.curve.tangent(0.0), axis=1) - trunk.radius(0.0)
+    high = wall.origin + CELLS * wall.cell * np.array(wall.shape)
+    beyond = (along < 0.0) & ((flat < wall.origin) | (flat >= high)).any(axis=1)
+    return np.where(beyond, behind, _in_bricks(wall, flat)).reshape(points.shape[:-1])
 
 
 def _in_tube(wall: Tube, points: np.ndarray, feet: np.ndarray) -> np.ndarray:

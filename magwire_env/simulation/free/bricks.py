@@ -2,7 +2,8 @@
 
 The distance is a quadratic B-spline on a uniform grid, so that its gradient is continuous and piecewise linear. A brick
 is 4 × 4 × 4 cells and holds the 6 × 6 × 6 coefficients they need, as float32. A dense index says for every brick of the
-box where it stands, or that it lies deep inside (no contact) or far outside (nowhere a wire may be).
+box where it stands, or that it lies deep inside (no contact) or far outside (nowhere a wire may be). The inlet is open:
+behind it, beyond the box, the wall is a straight tube.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
-from ...compiled import kernel
+from ...compiled import inlined, kernel
 from ..lanes import (
     _BITS,
     _DOUBLES,
@@ -30,10 +31,25 @@ from ..lanes import (
     load,
     maximum,
     minimum,
+    reciprocal,
     spread,
+    sqrt,
     where,
 )
-from .layout import GRID_AT, GRID_CELL, GRID_NX, GRID_NY, GRID_NZ, GRID_X, GRID_Y, GRID_Z
+from .layout import (
+    BASE_TX,
+    BASE_X,
+    GRID_AT,
+    GRID_CELL,
+    GRID_INLET,
+    GRID_NX,
+    GRID_NY,
+    GRID_NZ,
+    GRID_X,
+    GRID_Y,
+    GRID_Z,
+)
+from .vectors import diagonal, dot, load3, plus, plus6, select3, select6, square, sub, times
 
 __all__ = ["Bricks", "smooth_union"]
 
@@ -61,6 +77,20 @@ def gather32(typingctx, array, index, offset):
         return builder.fpext(value, _DOUBLES)
 
     return lanes_type(array, lanes_type, types.intp), codegen
+
+
+@inlined
+def behind_inlet(par, x):
+    """Of the straight tube behind the inlet: what `depth_in_bricks` returns, and the way from the inlet on, m."""
+    t = load3(par, BASE_TX)
+    r = sub(x, load3(par, BASE_X))
+    along = dot(r, t)
+    r = plus(r, -along, t)
+    distance = sqrt(dot(r, r))
+    inv = reciprocal(maximum(distance, 1e-15))
+    out = times(inv, r)
+    across = plus6(square(-inv, out), -inv, square(1.0, t))
+    return distance - load(par, GRID_INLET), out, diagonal(across, inv), along
 
 
 @kernel
@@ -114,6 +144,12 @@ def depth_in_bricks(grid, par, x):
         where(here, -hxx * inv2, 0.0), where(here, -hxy * inv2, 0.0), where(here, -hxz * inv2, 0.0),
         where(here, -hyy * inv2, 0.0), where(here, -hyz * inv2, 0.0), where(here, -hzz * inv2, 0.0),
     )  # fmt: skip
+    beyond = (nx > 0.0) & ((bx < 0.0) | (by < 0.0) | (bz < 0.0) | (bx >= nx) | (by >= ny) | (bz >= nz))
+    if anywhere(beyond):
+        straight, out, bent, along = behind_inlet(par, x)
+        beyond = beyond & (along < 0.0)
+        depth, first = where(beyond, straight, depth), select3(beyond, out, first)
+        second = select6(beyond, bent, second)
     return depth, first, second
 
 

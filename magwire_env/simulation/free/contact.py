@@ -136,7 +136,7 @@ def touch(
     x, x0 : the point now and at the step's start; t : the wire's direction; spun : rad turned since then
     stiffness : N/m, the wall's times the length the point stands for; slow : m, the stick speed times the step
     taken : whether the last trial became the iterate, whose load is then the friction's
-    moves : whether the lane moves at all; else its foot stays
+    moves : whether the lane moves at all; else its foot stays, as that of a lane with bricks does
     foresees : where a point that the trial before pressed into the wall counts as one that the wall holds
 
     Returns the energies with the lagged and with the present load, the normal force, the gradient, the Hessian, the
@@ -148,7 +148,8 @@ def touch(
     in_bricks = load(par, GRID_NX) > 0.0
     in_tube = load(par, GRID_NX) <= 0.0
     if anywhere(in_tube):
-        depth, normal, inv, sign, along = tube(table, foot, at, spacing, x, moves, taken, work, load_at)
+        moves = moves & in_tube
+        depth, normal, inv, sign, along = tube(table, foot, at, spacing, x, moves, taken | in_bricks, work, load_at)
     if len(grid) > 0 and anywhere(in_bricks):
         deep, towards, bend = depth_in_bricks(grid, par, x)
         depth, normal = where(in_bricks, deep, depth), select3(in_bricks, towards, normal)

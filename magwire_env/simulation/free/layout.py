@@ -43,17 +43,18 @@ def _fields(names: str, stride: int = LANES) -> list[int]:
 # BASE_CLAMPED, TIP_CLAMPED, FED : 1 or 0
 # FEED_SPEED m/s, FEED_STIFFNESS N/m, FEED_FORCE N : of the drive; TWIST_SPEED rad/s
 # SPACING : m of centreline a row of the lumen's table; INLET_ROW : the row at whose start the inlet is
-# GRID_X … GRID_AT : the wall's bricks: corner m, bricks along each axis, cell m, and where the data begin
+# GRID_X … GRID_AT : the wall's bricks: corner m, bricks along each axis, cell m, and where the data begin;
+#     GRID_INLET : m, radius of the tube that goes on straight behind the inlet, beyond the bricks
 # FIELD_X … : a uniform field, T, beside the rig's
 _PAR = """GX GY GZ STEP STEPS FRICTION STICK WALL TIP_CAP MOST_MOVE FORCE_TOLERANCE MOVE_TOLERANCE PATIENCE MEMORY
 BASE_X BASE_Y BASE_Z BASE_TX BASE_TY BASE_TZ TIP_TX TIP_TY TIP_TZ BASE_CLAMPED TIP_CLAMPED FED
 FEED_SPEED FEED_STIFFNESS FEED_FORCE TWIST_SPEED SPACING FIELD_X FIELD_Y FIELD_Z INLET_ROW
-GRID_X GRID_Y GRID_Z GRID_NX GRID_NY GRID_NZ GRID_CELL GRID_AT"""
+GRID_X GRID_Y GRID_Z GRID_NX GRID_NY GRID_NZ GRID_CELL GRID_AT GRID_INLET"""
 (
     GX, GY, GZ, STEP, STEPS, FRICTION, STICK, WALL, TIP_CAP, MOST_MOVE, FORCE_TOLERANCE, MOVE_TOLERANCE, PATIENCE,
     MEMORY, BASE_X, BASE_Y, BASE_Z, BASE_TX, BASE_TY, BASE_TZ, TIP_TX, TIP_TY, TIP_TZ, BASE_CLAMPED, TIP_CLAMPED, FED,
     FEED_SPEED, FEED_STIFFNESS, FEED_FORCE, TWIST_SPEED, SPACING, FIELD_X, FIELD_Y, FIELD_Z, INLET_ROW,
-    GRID_X, GRID_Y, GRID_Z, GRID_NX, GRID_NY, GRID_NZ, GRID_CELL, GRID_AT,
+    GRID_X, GRID_Y, GRID_Z, GRID_NX, GRID_NY, GRID_NZ, GRID_CELL, GRID_AT, GRID_INLET,
 ) = _fields(_PAR)  # fmt: skip
 PAR_SIZE = len(_PAR.split()) * LANES
 

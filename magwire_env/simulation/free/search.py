@@ -34,7 +34,7 @@ def search(tail, taken, known, still, par, wire, lane, node, spin, work, unit):
             p = plus(plus(p, -new_spin, load3(work, o + at.U1)), -bs, load3(work, o + at.U2))
             before, move = load(work, o + at.TURN), load(work, o + at.TURN_MOVE)
             m, k = load3(spin, i * at.SPIN_STRIDE + at.MX), load3(work, o + at.M1)
-            store3(spin, i * at.SPIN_STRIDE + at.MX, select3(taken, k, m))
+            store3(spin, i * at.SPIN_STRIDE + at.MX, select3(taken & (first <= 1.0 * i), k, m))
             store(work, o + at.TURN, where(taken, before + alpha * move, before))
             store(work, o + at.TURN_MOVE, where(known, where(still, 0.0, new_spin), move))
             most = maximum(most, absolute(new_spin) * unit)

@@ -74,6 +74,14 @@ def select3(mask, a, b):
 
 
 @inlined
+def select6(mask, a, b):
+    return (
+        where(mask, a[0], b[0]), where(mask, a[1], b[1]), where(mask, a[2], b[2]), where(mask, a[3], b[3]),
+        where(mask, a[4], b[4]), where(mask, a[5], b[5]),
+    )  # fmt: skip
+
+
+@inlined
 def add6(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5]
 

@@ -66,7 +66,8 @@ class Walls:
                 self.last_row[i] = round(wall.length / wall.spacing) - 1
                 found = {"SPACING": wall.spacing, "INLET_ROW": first + wall.first_row, "GRID_NX": 0.0}
             else:
-                found = {"SPACING": 1.0, "INLET_ROW": 0.0, **wall.fields(first)}
+                inlet = float(sc.tree.trunk.radius(0.0))
+                found = {"SPACING": 1.0, "INLET_ROW": 0.0, "GRID_INLET": inlet, **wall.fields(first)}
             for name, value in found.items():
                 self.fields[i, getattr(at, name) // LANES] = value
         if not tables:

@@ -9,6 +9,7 @@ import pytest
 from numba import njit
 
 from magwire_env import Scenario, Simulator
+from magwire_env.lumen.lumen import Lumen
 from magwire_env.simulation import lanes as width
 from magwire_env.simulation.free import layout as at
 from magwire_env.simulation.free.stepper import actuate
@@ -16,13 +17,16 @@ from magwire_env.simulation.lanes import spread
 from tests.support.free import fed_fork, paper_free
 
 LANES, PERIODS = 64, 6
-SCENES = ("fork", "fork, twists", "tube")
+SCENES = ("fork", "fork, twists", "tube", "tube, fed, twists")
 
 
 def scene(name: str) -> Scenario:
-    """Wires that touch walls: fed into a fork of bricks, with friction, and dragged through the paper's tube."""
+    """Wires that touch walls: fed into a fork of bricks and a tube, and dragged through the paper's tube."""
     if name == "tube":
         return paper_free(contact__per_segment=2)
+    if name == "tube, fed, twists":
+        trunk = Lumen.from_lines([("trunk", [(0, 0, 0), (0.1, 0, 0), (0.2, 0.05, 0)], 4e-3, None)], "bend")
+        return fed_fork(twist=True).replace(contact__friction=0.2, lumen=trunk)
     return fed_fork(twist="twists" in name).replace(contact__friction=0.2)
 
 

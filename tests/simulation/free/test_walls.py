@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 from numba import njit
 
+from magwire_env import Scenario, Simulator
 from magwire_env.lumen.lumen import Lumen
 from magwire_env.lumen.named_trees import fork
+from magwire_env.physics import BlockMagnet
+from magwire_env.scenario import ActuatedMagnet, Rig, Turn
 from magwire_env.simulation.free import layout as at
-from magwire_env.simulation.free.bricks import CELLS, Bricks, depth_in_bricks
+from magwire_env.simulation.free.bricks import CELLS, FAR, Bricks, depth_in_bricks
 from magwire_env.simulation.free.vectors import load3, store3
 from magwire_env.simulation.free.walls import _cell_of
 from magwire_env.simulation.lanes import LANES, store
+from tests.support.free import TIP, soft_wire
 
 
 @njit
@@ -80,3 +84,55 @@ def test_a_large_tree_with_a_narrow_end_is_kept_in_coarser_cells_and_says_so() -
         cell = _cell_of(Lumen.from_lines(lines, "large"), 0.2e-3)
     assert 0.3e-3 < cell < 0.8e-3
     assert _cell_of(fork(), 0.4e-3) == pytest.approx(fork().narrowest[0] / 5)
+
+
+def test_behind_the_inlet_the_wall_goes_on_as_a_straight_tube_beyond_the_bricks() -> None:
+    """Along a slanted inlet; a point beyond the bricks elsewhere stays where no wire may be."""
+    radius, along = 4e-3, np.array([0.6, 0.0, 0.8])
+
+    def depth(xyz: np.ndarray) -> np.ndarray:
+        return radius - np.linalg.norm(xyz - (xyz @ along)[:, None] * along, axis=1)
+
+    bricks = Bricks(depth, [-0.01] * 3, [0.01] * 3, 0.5e-3, 2e-3, 1e-3)
+    par, base = np.zeros(at.PAR_SIZE), np.array([1e-3, 0.0, -1e-3])
+    inlet = base - (base @ along) * along  # any point of the axis will do
+    given = {"GRID_INLET": radius, **bricks.fields()}
+    given |= dict(zip(("BASE_X", "BASE_Y", "BASE_Z"), inlet, strict=True))
+    given |= dict(zip(("BASE_TX", "BASE_TY", "BASE_TZ"), along, strict=True))
+    for name, value in given.items():
+        par[getattr(at, name) : getattr(at, name) + LANES] = value
+    behind = inlet - 0.05 * along
+    across = np.array([0.8, 0.0, -0.6]), np.array([0.0, 1.0, 0.0])
+    points = np.tile(behind + 5e-3 * across[0], (LANES, 1))
+    points[1] = behind + 3e-3 * across[1]
+    points[LANES - 1] = inlet + 0.05 * along
+    out = np.zeros(10 * LANES)
+    found(bricks.data, par, np.ascontiguousarray(points.T).reshape(-1), out)
+    told = out.reshape(10, LANES)
+    true = radius - np.hypot(*np.array([(points - inlet) @ way for way in across]))
+    assert told[0, :2] == pytest.approx(-true[:2], abs=1e-15)
+    assert told[1:4, 0] == pytest.approx(across[0], abs=1e-12)
+    assert told[1:4, 1] == pytest.approx(across[1], abs=1e-12)
+    bend = np.outer(across[1], across[1]) / 5e-3
+    assert told[4:, 0] == pytest.approx(bend[np.triu_indices(3)], abs=1e-9)
+    assert told[0, LANES - 1] == FAR
+
+
+@pytest.mark.parametrize(("friction", "down"), [(0.0, 0.0), (0.2, 9.81)])
+def test_a_wire_that_falls_out_of_the_inlet_goes_on_as_in_a_straight_tube(friction: float, down: float) -> None:
+    """A loose wire in a fork, under gravity back along the trunk and onto its wall: a = g − μ g across."""
+    far = ActuatedMagnet(BlockMagnet((1e-3,) * 3, 1.3), (0.0, 0.0, 3.0), (Turn("y"),))
+    scenario = Scenario(
+        name="out", lumen=fork(), wire=soft_wire(0.05, 10), tip=TIP, rig=Rig((far,)), model="free",
+        gravity=(-9.81, 0.0, -down),
+    ).replace(contact__friction=friction, contact__drag=0.0)  # fmt: skip
+    sim = Simulator(scenario, num_envs=1)
+    places = []
+    for _ in range(6):
+        sim.step(sim.magnet.copy())
+        assert sim.unconverged[0] == 0
+        places.append(sim.state().part("positions").reshape(-1, 3)[-1])
+    assert places[-1][0] < -0.8  # far beyond the bricks
+    assert sim.wall_force[0] == pytest.approx(scenario.wire.mass * down + TIP.mass * down, rel=1e-3, abs=1e-12)
+    again = np.diff(np.array(places)[1:, 0], n=2) / scenario.timing.control_period**2
+    assert again == pytest.approx(-(9.81 - friction * down), rel=1e-4)
