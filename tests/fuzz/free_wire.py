@@ -2,8 +2,9 @@
 
 `python -m tests.fuzz.free_wire --steps 100000 [--seed N] [--lanes 64]` prints a line a batch and the totals: lane
 steps, numbers that are not finite, nodes farther behind the wall than the wall's force on them and its stiffness
-explain, steps that did not converge and their share, the deepest node and the fastest tip. It ends with status 1 if a
-number is not finite or a node is too deep. A lane step is one control period of one wire.
+explain, forces larger than how deep the node is explains, steps that did not converge and their share, the deepest node
+and the fastest tip. It ends with status 1 if a number is not finite, a node is too deep or a force is unexplained. A
+lane step is one control period of one wire.
 """
 
 from __future__ import annotations
@@ -128,11 +129,17 @@ def play(rng: np.random.Generator, lanes: int, steps: int) -> tuple[Counter, flo
             there = np.isfinite(nodes).all(axis=1)
             nodes, force = nodes[there], force[there]
             depth = sc.tree.tubes.distance(nodes)[0]
+            allowance = ROUNDING + (ROUNDED * sc.tree.narrowest[0] / 4 if tree else 0.0)  # creases are rounded
             inside = (nodes - sc.tract.position(0.0)) @ sc.tract.tangent(0.0) > 0.0  # not still before the inlet
-            explained = force[inside] / (0.5 * sc.contact.stiffness * sc.wire.segment_length) + ROUNDING
-            if tree:  # the wall's creases are rounded
-                explained += ROUNDED * sc.tree.narrowest[0] / 4
+            explained = force[inside] / (0.5 * sc.contact.stiffness * sc.wire.segment_length) + allowance
             over = (sc.wire.radius - depth[inside]) - explained
+            most = sc.contact.stiffness * (sc.wire.segment_length + sc.wire.radius)
+            most = most * np.maximum(sc.wire.radius - depth + allowance, 0.0) + 1e-9
+            seen["unexplained forces"] += int((force > math.hypot(1.0, sc.contact.friction) * most).sum())
+            if there.all():
+                seen["unexplained forces"] += int(
+                    (sim.wall_force[which == i] > most.reshape(-1, x.shape[1]).sum(1)).sum()
+                )
             if over.size:
                 deepest = max(deepest, float(over.max()))
                 seen["too deep"] += int((over > 0).sum())
@@ -157,7 +164,7 @@ def main() -> None:
         )
     share = total["unconverged"] / max(total["integration steps"], 1)
     print(f"total: {dict(total)}; share of steps that did not converge {share:.1e}")
-    if total["not finite"] or total["too deep"]:
+    if total["not finite"] or total["too deep"] or total["unexplained forces"]:
         sys.exit(1)
 
 
