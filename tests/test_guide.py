@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import re
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -87,6 +88,7 @@ def test_the_notebook_runs_cell_by_cell(folder, capsys):
     names: dict = {"__name__": "notebook"}
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
     assert len(cells) >= 5
+    subprocess.run([sys.executable, "-c", "".join(cells[0]["source"])], check=True)  # nothing is imported before it
     for number, cell in enumerate(cells):
         assert not cell["outputs"], "outputs are not kept"
         exec(compile("".join(cell["source"]), f"cell {number}", "exec"), names)

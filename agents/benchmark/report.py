@@ -299,7 +299,8 @@ def _robustness(data: dict[str, Any]) -> str:
     parts = [
         "## Robustness",
         "Only the simulator (or the reading) departs from the model; policies keep the nominal one, and scores are "
-        "against the nominal par, so that an easier world can give more than 1. Success · score.",
+        "against the nominal par, so that an easier world can give more than 1. `ppo` is training seed 0; the policy "
+        "that ships is another seed. Success · score.",
     ]
     for arena in dict.fromkeys(entry["arena"] for entry in data["robustness"]):
         entries = [entry for entry in data["robustness"] if entry["arena"] == arena]

@@ -283,7 +283,7 @@ class Validate:
     """Check the physics against closed forms, magpylib, PyElastica and conservation laws; status 1 if a check fails."""
 
     quick: bool = False
-    """Run the size of the test suite, which takes seconds in place of minutes."""
+    """Run the size of the test suite: about a minute in place of half an hour."""
     markdown: bool = False
     """Print the table as Markdown."""
     only: tuple[str, ...] = ()

@@ -150,7 +150,7 @@ def test_every_failure_on_the_page_names_tests_that_exist():
         DOC.read_text(encoding="utf-8").partition("<!-- failures:begin -->\n")[2].partition("<!-- failures:end -->")[0]
     )
     rows = [line.strip("| ").split(" | ") for line in table.splitlines()[2:]]
-    assert {what.split()[0].rstrip("abcdefghi") for what, _ in rows} == {f"F{n}" for n in range(1, 13)}
+    assert {what.split()[0].rstrip("abcdefghi") for what, _ in rows} == {f"B{n}" for n in range(1, 13)}
     for what, tests in rows:
         named = re.findall(r"`([\w/]+\.py)::(test_\w+)`", tests)
         assert named, what
