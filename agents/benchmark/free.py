@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from .plan import Arena, Learner
+from .plan import TREE_FLOORS, Arena, Learner
 
 __all__ = ["FREE_ARENAS", "FREE_LEARNERS"]
 
-_FLOORS = ("Forward", "Hold", "Random", "untrained")
-_IN_TREES = ("FollowRoute", "RecoverRoute", *_FLOORS)
+_IN_TREES = ("FollowRoute", "RecoverRoute", *TREE_FLOORS, "Random", "untrained")
 _STILL = ("HoldHome", "ConstantRotation", "Random", "untrained")
 
 
@@ -32,4 +31,8 @@ FREE_ARENAS: tuple[Arena, ...] = (
 )  # fmt: skip
 """An arena for every task of a free wire, and the trees out of distribution."""
 
-FREE_LEARNERS: tuple[Learner, ...] = (Learner("ppo", tuple(a.name for a in FREE_ARENAS if a.models is None), 3),)
+FREE_LEARNERS: tuple[Learner, ...] = (
+    Learner("ppo", tuple(a.name for a in FREE_ARENAS if a.models is None), 3),
+    Learner("sac", ("Navigate", "SteerFree", "Shape"), 1),
+)
+"""PPO everywhere; SAC where it needs no teacher, with one seed."""

@@ -59,7 +59,9 @@ def test_every_task_of_a_free_wire_is_an_arena_of_theirs():
     assert {cell.kind for cell in cells} == {"train", "evaluate"}
     for arena in FREE_ARENAS:
         met = {cell.policy for cell in cells if cell.arena == arena.name and cell.kind == "evaluate"}
-        assert met == {*(arena.controllers or ()), "ppo"}
+        learners = {learner.algorithm for learner in FREE_LEARNERS if (arena.models or arena.name) in learner.arenas}
+        assert met == {*(arena.controllers or ()), *learners}
+        assert "ppo" in learners
         assert arena.reference in met
         assert arena.name not in {one.name for one in ARENAS}
 
@@ -68,3 +70,9 @@ def test_every_task_of_a_free_wire_is_an_arena_of_theirs():
 def test_a_plan_refuses_nothing_to_do(name):
     with pytest.raises(ValueError, match=f"{name} must be a whole number of at least 1, got 0"):
         Plan(**{name: 0})
+
+
+def test_policies_that_see_nothing_are_floors_in_trees_too():
+    plan = Plan(arenas=FREE_ARENAS, learners=FREE_LEARNERS)
+    marked = {name for arena in FREE_ARENAS for name in plan.controllers(arena) if plan.is_floor(name)}
+    assert marked == {"Forward", "Hold", "HoldHome", "ConstantRotation", "Random", "untrained"}
