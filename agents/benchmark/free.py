@@ -10,14 +10,14 @@ _IN_TREES = ("FollowRoute", "RecoverRoute", *TREE_FLOORS, "Random", "untrained")
 _STILL = ("HoldHome", "ConstantRotation", "Random", "untrained")
 
 
-def _tree(name: str, task: str, reference: str = "FollowRoute", **settings: str) -> Arena:
-    return Arena(name, task, episodes=100, controllers=_IN_TREES, reference=reference, **settings)  # type: ignore[arg-type]
+def _tree(name: str, task: str, reference: str = "FollowRoute", episodes: int = 100, **settings: str) -> Arena:
+    return Arena(name, task, episodes=episodes, controllers=_IN_TREES, reference=reference, **settings)
 
 
 FREE_ARENAS: tuple[Arena, ...] = (
     _tree("Navigate", "MagWire/Navigate-v0"),
-    _tree("NavigateAny", "MagWire/NavigateAny-v0", split="test"),
-    _tree("NavigateAny ood", "MagWire/NavigateAny-v0", split="ood", models="NavigateAny"),
+    _tree("NavigateAny", "MagWire/NavigateAny-v0", split="test", episodes=500),
+    _tree("NavigateAny ood", "MagWire/NavigateAny-v0", split="ood", models="NavigateAny", episodes=500),
     _tree("Recover", "MagWire/Recover-v0", "RecoverRoute", split="test"),
     _tree("Gentle", "MagWire/Gentle-v0", split="test"),
     _tree("Uniform", "MagWire/Uniform-v0", split="test"),
