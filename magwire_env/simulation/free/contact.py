@@ -149,7 +149,8 @@ def touch(
     in_tube = load(par, GRID_NX) <= 0.0
     if anywhere(in_tube):
         moves = moves & in_tube
-        depth, normal, inv, sign, along = tube(table, foot, at, spacing, x, moves, taken | in_bricks, work, load_at)
+        stays = where(moves, 0.0, 1.0) > 0.5
+        depth, normal, inv, sign, along = tube(table, foot, at, spacing, x, moves, taken | stays, work, load_at)
     if len(grid) > 0 and anywhere(in_bricks):
         deep, towards, bend = depth_in_bricks(grid, par, x)
         depth, normal = where(in_bricks, deep, depth), select3(in_bricks, towards, normal)

@@ -261,7 +261,7 @@ def evaluate(
             t_old, t_new, force, g, hx, g_spin, h_spin, x_spin, unknown, pull = touch(
                 table, grid, par, foot, (i * points + k) * at.FOOT_STRIDE, (i * points + k) * at.LOAD_STRIDE, loads,
                 plus(xb, a, e), plus(start_b, a, start_e), w, radius, spun, away * weight, friction, slow, spacing,
-                exact, taken | (first > 1.0 * i), moves & active, foresees,
+                exact, taken, moves & active, foresees,
             )  # fmt: skip
             old, new, pressed, fresh = old + t_old, new + t_new, pressed + force, fresh + unknown
             pull_b, pull_c = plus(pull_b, 1.0 - a, pull), plus(pull_c, a, pull)
