@@ -101,9 +101,6 @@ PAR = Optimal.__name__
 REFERENCE = MaxForce.__name__
 """The controller that others are compared with: the paper's own policy."""
 
-FLOORS = tuple(n for n, c in CONTROLLERS.items() if getattr(c, "sees_nothing", False) or getattr(c, "floor", False))
-"""Controllers that see nothing, and the untrained policy."""
-
 OF_SHAPES = ("InverseShape",)
 """Controllers of shaping tasks alone."""
 
@@ -112,6 +109,13 @@ OF_TREES = ("FollowRoute", "RecoverRoute", "Forward", "Hold")
 
 NOT_OF_TRACTS = (*OF_TREES, *OF_SHAPES)
 """Controllers that no task along a tract has."""
+
+FLOORS = tuple(
+    name
+    for name, kind in CONTROLLERS.items()
+    if (getattr(kind, "sees_nothing", False) or getattr(kind, "floor", False)) and name not in NOT_OF_TRACTS
+)
+"""Controllers of tasks along a tract that see nothing, and the untrained policy."""
 
 IN_TREES = (*OF_TREES, "Random")
 """Controllers that policies of navigating tasks are compared with: the reference first, the floors last."""

@@ -6,6 +6,10 @@ would leave old code in use. The stamp here covers every source file a kernel ma
 kernel's own floor and of the floors below it, and those beside the kernel itself. The processor's name and features
 are part of Numba's own key.
 
+Numba writes its index before the machine code that the index names, and numbers that from 1 again under every stamp. So
+a process that is killed in between, or one that still runs sources from before an edit, could leave old code under the
+new stamp. Here the names of the files have the stamp in them.
+
 A folder that cannot be written, and a cache file that is damaged, cost a compilation and never an error.
 """
 
@@ -90,8 +94,11 @@ class _StampedCache(FunctionCache):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        stamp = source_stamp(Path(inspect.getfile(function)).parent)
-        self._cache_file._source_stamp = (self._cache_file._source_stamp, stamp)
+        stamp, file = source_stamp(Path(inspect.getfile(function)).parent), self._cache_file
+        file._source_stamp = (file._source_stamp, stamp)
+        self._base = file._data_name_pattern.removesuffix("{number:d}.nbc")
+        self._own = f"{self._base}{stamp[:16]}."
+        file._data_name_pattern = self._own + "{number:d}.nbc"
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled function, or None if there is none, or only a damaged one, which is compiled and saved anew."""
@@ -104,8 +111,15 @@ class _StampedCache(FunctionCache):
         """Save the compiled function. A full or read-only disk is said once; the function works all the same."""
         try:
             super().save_overload(sig, data)
+            self._sweep()
         except _DAMAGE:
             self._replace(sig, data)
+
+    def _sweep(self) -> None:
+        """Delete this function's machine code of other sources; a process that still runs them compiles anew."""
+        for file in Path(self._cache_file._cache_path).glob("*.nbc"):
+            if file.name.startswith(self._base) and not file.name.startswith(self._own):
+                file.unlink(missing_ok=True)
 
     def _replace(self, sig: Any, data: Any) -> None:
         try:

@@ -90,6 +90,34 @@ def test_an_edit_of_a_lumens_kernel_is_compiled_even_if_file_and_time_look_the_s
     assert distance() == pytest.approx(5e-3)
 
 
+KERNEL = """
+from magwire_env.compiled import kernel
+
+
+@kernel
+def more(x):
+    return x + 1.0
+"""
+
+KILLED = """
+import os
+from numba.core.caching import IndexDataCacheFile
+IndexDataCacheFile._save_data = lambda *_: os._exit(3)
+"""
+
+
+def test_a_process_that_is_killed_while_it_saves_leaves_no_old_code(tmp_path: Path) -> None:
+    """Numba's index is written first: under the new stamp it must not find the machine code of the old one."""
+    program = "from mine import more; print([more(1.0)])"
+    (tmp_path / "mine.py").write_text(KERNEL)
+    told = {"PYTHONPATH": f"{tmp_path}{os.pathsep}{PACKAGE.parent}"}
+    assert numbers(run(tmp_path, program, **told)) == [2.0]
+    edit(tmp_path / "mine.py", "x + 1.0", "x + 2.0")
+    assert run(tmp_path, KILLED + program, **told).returncode == 3
+    assert numbers(run(tmp_path, program, **told)) == [3.0]
+    assert len(list(tmp_path.rglob("*.nbc"))) == 1  # the old one is swept
+
+
 def test_damaged_and_unwritable_caches_cost_a_compilation_and_no_error(tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     script = tmp_path / "one.py"

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from .plan import TREE_FLOORS, Arena, Learner
+from ..catalogue import OF_TREES
+from .plan import Arena, Learner
 
 __all__ = ["FREE_ARENAS", "FREE_LEARNERS"]
 
-_IN_TREES = ("FollowRoute", "RecoverRoute", *TREE_FLOORS, "Random", "untrained")
+_IN_TREES = (*OF_TREES, "Random", "untrained")
 _STILL = ("HoldHome", "ConstantRotation", "Random", "untrained")
 
 

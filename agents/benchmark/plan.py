@@ -25,7 +25,7 @@ from ..evaluation.episodes import EVALUATION_SEED
 from ..evaluation.robustness import DISTURBANCES
 from ..learning.hyperparameters import hyperparameters
 
-__all__ = ["ARENAS", "LEARNERS", "TREE_FLOORS", "Arena", "Cell", "Learner", "Plan", "plain_name"]
+__all__ = ["ARENAS", "LEARNERS", "Arena", "Cell", "Learner", "Plan", "plain_name"]
 
 ROBUSTNESS = {
     "Steer": (REFERENCE, "NetForce", "ExtremumSeeking", "ppo"),
@@ -174,9 +174,6 @@ _NO_RESULTS = (
 
 _LEARNING = "agents/learning/"
 
-TREE_FLOORS = ("Forward", "Hold")
-"""Controllers of navigating tasks that see nothing. The catalogue's `FLOORS` are those of tasks along a tract."""
-
 
 @dataclass(frozen=True)
 class Cell:
@@ -259,7 +256,7 @@ class Plan:
     def is_floor(self, policy: str) -> bool:
         """The policy is a controller that sees nothing, or an untrained one."""
         kind = controller(policy)
-        return policy in TREE_FLOORS or bool(getattr(kind, "sees_nothing", False) or getattr(kind, "floor", False))
+        return bool(getattr(kind, "sees_nothing", False) or getattr(kind, "floor", False))
 
     def trained(self, arena: Arena) -> dict[str, list[Cell]]:
         """Algorithm → the training cells, one for each seed, whose models play in an arena."""

@@ -47,6 +47,8 @@ class _Fed(Controller):
 class Hold(_Fed):
     """Does nothing: the magnets stay as they are, the wire is not fed. Knows: nothing."""
 
+    sees_nothing = True
+
     def act(
         self, observation: np.ndarray, state: Memory, starts: np.ndarray, deterministic: bool
     ) -> tuple[np.ndarray, Memory]:
@@ -58,6 +60,8 @@ class Forward(_Fed):
 
     moment : (3,) direction of the moment, or of coils' currents; None leaves them as they are
     """
+
+    sees_nothing = True
 
     def __init__(self, env: gym.Env | gym.vector.VectorEnv, moment: np.ndarray | None = None, **settings: Any) -> None:
         super().__init__(env, **settings)

@@ -133,13 +133,12 @@ def play(rng: np.random.Generator, lanes: int, steps: int) -> tuple[Counter, flo
             inside = (nodes - sc.tract.position(0.0)) @ sc.tract.tangent(0.0) > 0.0  # not still before the inlet
             explained = force[inside] / (0.5 * sc.contact.stiffness * sc.wire.segment_length) + allowance
             over = (sc.wire.radius - depth[inside]) - explained
-            most = sc.contact.stiffness * (sc.wire.segment_length + sc.wire.radius)
-            most = most * np.maximum(sc.wire.radius - depth + allowance, 0.0) + 1e-9
+            point = sc.contact.stiffness * (sc.wire.segment_length + sc.wire.radius)
+            most = point * np.maximum(sc.wire.radius - depth + allowance, 0.0) + 1e-9
             seen["unexplained forces"] += int((force > math.hypot(1.0, sc.contact.friction) * most).sum())
             if there.all():
-                seen["unexplained forces"] += int(
-                    (sim.wall_force[which == i] > most.reshape(-1, x.shape[1]).sum(1)).sum()
-                )
+                whole = most.reshape(-1, x.shape[1]).sum(axis=1)
+                seen["unexplained forces"] += int((sim.wall_force[which == i] > whole).sum())
             if over.size:
                 deepest = max(deepest, float(over.max()))
                 seen["too deep"] += int((over > 0).sum())

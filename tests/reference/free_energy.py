@@ -86,7 +86,7 @@ class Wires:
         feet = part("feet", 2)[:, spare * k : spare * k + (n - 1) * k + 1].copy()
         if isinstance(wall, Tube):
             feet[..., 0] -= sim.library.wires.walls.first_row[entry] - wall.first_row
-            feet = np.where((feet[..., :1] >= 0.0), feet, (wall.first_row, 0.0))  # of a point that has not come out yet
+            feet = np.where(feet[..., :1] >= 0.0, feet, (wall.first_row, 0.0))  # of a point that has not come out yet
         base = state.part("base")[mine]
         return cls(
             scenario, part("positions", 3)[:, spare:], part("velocities", 3)[:, spare:],
@@ -255,9 +255,9 @@ def depths(scenario: Scenario, points: np.ndarray, feet: np.ndarray) -> np.ndarr
     if isinstance(wall, Tube):
         return _in_tube(wall, flat, feet.reshape(-1, 2)).reshape(points.shape[:-1])
     trunk = scenario.tree.trunk
-    out = flat - trunk.curve.position(0.0)
-    along = out @ trunk.curve.tangent(0.0)
-    behind = np.linalg.norm(out - along[:, None] * trunk.curve.tangent(0.0), axis=1) - trunk.radius(0.0)
+    out, inlet = flat - trunk.curve.position(0.0), trunk.curve.tangent(0.0)
+    along = out @ inlet
+    behind = np.linalg.norm(out - along[:, None] * inlet, axis=1) - trunk.radius(0.0)
     high = wall.origin + CELLS * wall.cell * np.array(wall.shape)
     beyond = (along < 0.0) & ((flat < wall.origin) | (flat >= high)).any(axis=1)
     return np.where(beyond, behind, _in_bricks(wall, flat)).reshape(points.shape[:-1])

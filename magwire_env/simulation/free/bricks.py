@@ -56,7 +56,7 @@ __all__ = ["Bricks", "smooth_union"]
 CELLS, KEPT = 4, 6
 INSIDE, OUTSIDE = -1.0, -2.0
 FAR = 1e6
-"""m, the depth of a point where no wire may be: its energy is refused by every line search."""
+"""m, the depth of a point where no wire may be: a line search refuses its energy."""
 
 
 @intrinsic
@@ -81,7 +81,7 @@ def gather32(typingctx, array, index, offset):
 
 @inlined
 def behind_inlet(par, x):
-    """Of the straight tube behind the inlet: what `depth_in_bricks` returns, and the way from the inlet on, m."""
+    """In the straight tube behind the inlet: depth, its first and second derivatives, and the way past the inlet, m."""
     t = load3(par, BASE_TX)
     r = sub(x, load3(par, BASE_X))
     along = dot(r, t)
@@ -144,7 +144,7 @@ def depth_in_bricks(grid, par, x):
         where(here, -hxx * inv2, 0.0), where(here, -hxy * inv2, 0.0), where(here, -hxz * inv2, 0.0),
         where(here, -hyy * inv2, 0.0), where(here, -hyz * inv2, 0.0), where(here, -hzz * inv2, 0.0),
     )  # fmt: skip
-    beyond = (nx > 0.0) & ((bx < 0.0) | (by < 0.0) | (bz < 0.0) | (bx >= nx) | (by >= ny) | (bz >= nz))
+    beyond = where(within, 0.0, nx) > 0.0  # never in a lane that has no bricks
     if anywhere(beyond):
         straight, out, bent, along = behind_inlet(par, x)
         beyond = beyond & (along < 0.0)
